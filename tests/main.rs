@@ -92,6 +92,7 @@ mod hung_disk;
 mod lightcrafter;
 mod lights;
 mod limits;
+mod oblique;
 mod offline;
 mod one_flow;
 #[cfg(feature = "opcua")]

@@ -6,6 +6,7 @@
 use super::block::state;
 use super::continuity::whole;
 use super::roles::AxisPlan;
+use super::runs_on::{MEETS, meeting};
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
@@ -18,15 +19,15 @@ const MOST_GAP: u32 = 8;
 /// Steps since a valid pixel where there was none; more than the rows and columns of an image.
 const NEVER: u32 = 1 << 30;
 /// Fewest crossings to a fringe that is not the next.
-const LEAST_CROSSINGS: u32 = 12;
+const LEAST_CROSSINGS: i32 = 12;
 /// So many pixels are looked at side by side.
 const SIDE: usize = 16;
 
-/// Where fringes follow each other in the decoded map, and where others do: of each fringe, from the one before the projector on, crossings to the
-/// next and crossings to another.
+/// Where fringes follow each other in the decoded map, and where others do although the phase runs on: of each fringe, from the one before the
+/// projector on, crossings to the next and thirds of crossings to another, without those by chance.
 #[derive(Debug)]
 pub(super) struct Borders {
-    crossings: Vec<[u32; 2]>,
+    crossings: Vec<[i32; 2]>,
     /// The columns that are walked along, side by side, since the rows lie in one piece.
     columns: Vec<Walks>,
 }
@@ -47,7 +48,9 @@ impl Borders {
         self.crossings.fill([0; 2]);
         self.columns.fill(Walks::START);
         vectorised!(level, self.walk(map));
-        self.crossings.iter().any(|[next, other]| *other >= LEAST_CROSSINGS && 2 * other > *next)
+        self.crossings
+            .iter()
+            .any(|[next, other]| *other >= MEETS * LEAST_CROSSINGS && 2 * other > MEETS * next)
     }
 
     #[inline(always)]
@@ -59,7 +62,8 @@ impl Borders {
                 along(phase, valid, crossings);
             }
             for (first, walks) in (0..width).step_by(LINES * SIDE).zip(columns.iter_mut()) {
-                walks.step(&picked(phase, first), &picked(valid, first), crossings);
+                let here = Columns { map, start: row * width + first };
+                walks.step(&picked(phase, first), &picked(valid, first), &here, crossings);
             }
         }
     }
@@ -67,9 +71,11 @@ impl Borders {
 
 /// Walks along a row.
 #[inline(always)]
-fn along(phase_rad: &[f32], valid: &[u8], crossings: &mut [[u32; 2]]) {
+fn along(phase_rad: &[f32], valid: &[u8], crossings: &mut [[i32; 2]]) {
     let (mut last, mut gap) = (0.0, NEVER);
-    for (phase_rad, valid) in phase_rad.chunks(SIDE).zip(valid.chunks(SIDE)) {
+    let (row, all_valid) = (phase_rad, valid);
+    for (first, (phase_rad, valid)) in (0..).step_by(SIDE).zip(phase_rad.chunks(SIDE).zip(valid.chunks(SIDE)))
+    {
         let mut here = [0.0; SIDE];
         for (here, phase_rad) in here.iter_mut().zip(phase_rad) {
             *here = whole(phase_rad / TAU);
@@ -84,15 +90,30 @@ fn along(phase_rad: &[f32], valid: &[u8], crossings: &mut [[u32; 2]]) {
         if alike && gap == 0 && known as usize == here.len() {
             continue;
         }
-        for (here, valid) in here.iter().zip(valid) {
+        for (at, (here, valid)) in (first..).zip(here.iter().zip(valid)) {
             gap += 1;
             if *valid == state::SURE {
                 if gap <= MOST_GAP && *here != last {
-                    cross(*here, last, crossings);
+                    cross(*here, last, crossings, || meeting(row, all_valid, at, (gap as usize, 1)));
                 }
                 (last, gap) = (*here, 0);
             }
         }
+    }
+}
+
+/// The pixels of a row at which walks along columns are.
+struct Columns<'a, 'b> {
+    map: &'a PhaseViewMut<'b>,
+    /// The first of them.
+    start: usize,
+}
+
+impl Columns<'_, '_> {
+    /// Whether the phase runs on to one of them from so many rows above.
+    fn meeting(&self, number: usize, rows: u32) -> i32 {
+        let place = self.start + number * LINES;
+        meeting(self.map.phase_rad, self.map.valid, place, (rows as usize, self.map.info.width_px as usize))
     }
 }
 
@@ -111,8 +132,15 @@ impl Walks {
 
     /// Goes on to the pixels of the next row and counts the borders that are crossed.
     #[inline(always)]
-    fn step(&mut self, phase_rad: &[f32; SIDE], valid: &[u8; SIDE], crossings: &mut [[u32; 2]]) {
-        let (before, mut here, mut crossed) = (self.last, [0.0; SIDE], [0_u32; SIDE]);
+    fn step(
+        &mut self,
+        phase_rad: &[f32; SIDE],
+        valid: &[u8; SIDE],
+        columns: &Columns,
+        crossings: &mut [[i32; 2]],
+    ) {
+        let (before, gaps) = (self.last, self.gap);
+        let (mut here, mut crossed) = ([0.0; SIDE], [0_u32; SIDE]);
         for l in 0..SIDE {
             here[l] = whole(phase_rad[l] / TAU);
             let (known, gap) = (valid[l] == state::SURE, self.gap[l] + 1);
@@ -122,27 +150,28 @@ impl Walks {
         }
         if crossed.iter().fold(0, |any, crossed| any | crossed) != 0 {
             for l in (0..SIDE).filter(|l| crossed[*l] != 0) {
-                cross(here[l], before[l], crossings);
+                cross(here[l], before[l], crossings, || columns.meeting(l, gaps[l] + 1));
             }
         }
     }
 }
 
 /// Counts the border between two fringes.
-fn cross(here: f32, last: f32, crossings: &mut [[u32; 2]]) {
+fn cross(here: f32, last: f32, crossings: &mut [[i32; 2]], meeting: impl FnOnce() -> i32) {
     if (here - last).abs() == 1.0 {
-        count(crossings, here.min(last), 0);
+        count(crossings, here.min(last), 0, 1);
     } else {
+        let thirds = meeting();
         // To which side the phase runs on is not known: the border is one of four.
         for fringe in [here, here - 1.0, last, last - 1.0] {
-            count(crossings, fringe, 1);
+            count(crossings, fringe, 1, thirds);
         }
     }
 }
 
-fn count(crossings: &mut [[u32; 2]], fringe: f32, kind: usize) {
+fn count(crossings: &mut [[i32; 2]], fringe: f32, kind: usize, number: i32) {
     if let Some(crossings) = crossings.get_mut((fringe + 1.0).max(0.0) as usize) {
-        crossings[kind] += 1;
+        crossings[kind] += number;
     }
 }
 
@@ -165,15 +194,16 @@ mod tests {
     use crate::phase::{PhaseInfo, PhaseMap};
 
     /// Pixel by pixel, as it is told.
-    fn walked(pixels: impl Iterator<Item = (f32, u8)>, crossings: &mut [[u32; 2]]) {
+    fn walked(pixels: impl Iterator<Item = (f32, u8)>, crossings: &mut [[i32; 2]]) {
+        let (phases, valid): (Vec<f32>, Vec<u8>) = pixels.unzip();
         let mut last: Option<(f32, usize)> = None;
-        for (at, (phase_rad, _)) in pixels.enumerate().filter(|(_, (_, valid))| *valid == state::SURE) {
+        for (at, phase_rad) in phases.iter().enumerate().filter(|(at, _)| valid[*at] == state::SURE) {
             let here = (phase_rad / TAU).floor();
             if let Some((fringe, before)) = last
                 && here != fringe
                 && at - before <= MOST_GAP as usize
             {
-                cross(here, fringe, crossings);
+                cross(here, fringe, crossings, || meeting(&phases, &valid, at, (at - before, 1)));
             }
             last = Some((here, at));
         }
@@ -214,7 +244,7 @@ mod tests {
             let mut borders = Borders { crossings: vec![[7; 2]; 44], columns };
             borders.are_strange(&map.view_mut(), best_level());
             assert_eq!(borders.crossings, expected);
-            assert!(width < 100 || expected.iter().map(|both| both[0].min(both[1])).sum::<u32>() > 10);
+            assert!(width < 100 || expected.iter().map(|both| both[0].min(both[1].abs())).sum::<i32>() > 10);
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::axis_noise::AxisState;
 use super::block::state;
 use super::code_frames::Levels;
-use super::continuity::Continuity;
+use super::continuity::{Continuity, MANY};
 use super::dirt::code::{self, CodeLook, CodeVerdict, Shown};
 use super::rasters::Rasters;
 use super::report::DecodeReport;
@@ -12,11 +12,11 @@ use super::{DecodeError, Decoder, Remedy};
 use crate::math::statistics::median;
 use crate::phase::PhaseViewMut;
 
-/// Jumps per wrap, and lit pixels without order, from which the code is looked at.
-const SUSPECT: f64 = 0.04;
 /// Levels of a frame that are off by more of the usual contrast make it suspect.
 const LEVEL: f64 = 0.2;
 const CONTRAST: f64 = 0.6;
+/// Off by more of it, light is nearer to dark.
+const NEARER: f64 = 0.5;
 /// Clear of an edge by this part of a stripe a sample shows its level.
 const CLEAR_STRIPES: f64 = 0.3;
 /// Fewest samples of a level.
@@ -36,7 +36,7 @@ impl Decoder {
         if plan.code.is_none() || plan.sines.is_empty() || self.axes[home].code.is_some() {
             return false;
         }
-        report.contradiction() > SUSPECT
+        report.contradiction() > MANY
             || self.axes[home].borders.are_strange(out, self.level)
             || self.levels_differ(home, out)
     }
@@ -211,10 +211,9 @@ impl Decoder {
             return false;
         }
         let scale_px = plan.period_px / std::f64::consts::TAU;
-        // What defocus does to narrow stripes is no fault.
-        let wide = || axis.code_frames.iter().filter(|frame| frame.is_wide(plan.period_px));
+        let frames = &axis.code_frames;
         levels.sums.clear();
-        levels.sums.extend(wide().map(|_| [(0.0, 0.0); 2]));
+        levels.sums.extend(frames.iter().map(|_| [(0.0, 0.0); 2]));
         let positions = &axis.probe.positions;
         let is_sure = |place: &usize| out.valid[*place] == state::SURE;
         // More of them for a part that fills little of the picture.
@@ -225,10 +224,10 @@ impl Decoder {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
             let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
             let inverse = 1.0 / f64::from(out.modulation[place]);
-            for (frame, sums) in wide().zip(&mut levels.sums) {
-                let Shown::Bit { code, .. } = frame.shown else { continue };
+            for (frame, sums) in frames.iter().zip(&mut levels.sums) {
+                let stripe_px = if let Shown::Bit { code, .. } = frame.shown { code.stripe_px } else { 0.0 };
                 let (light, edge_px) = frame.shown.at(x_px);
-                if edge_px > CLEAR_STRIPES * code.stripe_px {
+                if edge_px > CLEAR_STRIPES * stripe_px {
                     let value = f64::from(self.rasters.value(frame.raster, pixels, place));
                     let (sum, count) = &mut sums[usize::from(light)];
                     *sum += (value - middle) * inverse;
@@ -240,17 +239,22 @@ impl Decoder {
         let mean = |(sum, count): (f64, f64)| (count >= LEAST).then(|| sum / count);
         levels.own.extend(levels.sums.iter().map(|sums| sums.map(mean)));
         let Levels { own, scratch, .. } = levels;
+        // What defocus does to the contrast of narrow stripes is no fault; it does nothing to their level.
+        let wide = || frames.iter().map(|frame| frame.is_wide(plan.period_px));
         let mut usual = |class: usize| {
             scratch.clear();
-            scratch.extend(own.iter().filter_map(|own| own[class]));
+            scratch
+                .extend(own.iter().zip(wide()).filter(|(_, wide)| *wide).filter_map(|(own, _)| own[class]));
             median(scratch)
         };
         let (Some(dark), Some(light)) = (usual(0), usual(1)) else { return false };
-        own.iter().any(|[own_dark, own_light]| {
+        own.iter().zip(wide()).any(|([own_dark, own_light], wide)| {
+            // One level alone is off by defocus too, but not nearer to the other one; neither is white or black.
+            let most = if wide || own_dark.and(*own_light).is_some() { LEVEL } else { NEARER };
             let off = [own_dark.map(|own| own - dark), own_light.map(|own| own - light)];
             let level = off.iter().flatten().sum::<f64>() / off.iter().flatten().count().max(1) as f64;
             let contrast = own_dark.zip(*own_light).map_or(1.0, |(a, b)| (b - a) / (light - dark));
-            level.abs() > LEVEL * (light - dark) || contrast < CONTRAST
+            level.abs() > most * (light - dark) || (wide && contrast < CONTRAST)
         })
     }
 }

@@ -8,6 +8,7 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::block::sum;
+use super::runs_on::{MEETS, meeting};
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
@@ -26,6 +27,8 @@ const ENOUGH: usize = 1 << 15;
 const MOST_STRIDE: usize = 32;
 /// So many columns are looked at side by side, in a row those of one place and in the next row those beside them.
 const SIDE: usize = 64;
+/// Jumps per wrap from which a sequence is looked at more closely.
+pub(super) const MANY: f64 = 0.04;
 /// With fewer wraps and jumps the sequence is not checked.
 const LEAST: usize = 50;
 
@@ -34,7 +37,7 @@ const LEAST: usize = 50;
 pub struct Continuity {
     /// Pairs between which the wrapped phase passes 2π.
     pub wraps: usize,
-    /// Pairs between which the absolute phase jumps by one or more periods.
+    /// Pairs between which the absolute phase jumps by one or more periods; where these are many, without those that meet by chance at rims.
     pub jumps: usize,
 }
 
@@ -50,7 +53,12 @@ impl Continuity {
         let stride = (valid / ENOUGH).clamp(STRIDE, MOST_STRIDE);
         let rows = (0..height).into_par_iter().with_min_len(ROWS);
         let parts = rows.map(|row| vectorised!(level, Self::of_row(map, width, row, stride)));
-        parts.reduce(Self::default, sum)
+        let mut all = parts.reduce(Self::default, sum);
+        if all.jump_fraction() > MANY {
+            let meetings: i64 = (0..height).map(|row| meetings(map, width, row, stride)).sum();
+            all.jumps = all.jumps.min((meetings.max(0) / i64::from(MEETS)) as usize);
+        }
+        all
     }
 
     /// A row with itself, if it is one of those, and stretches of it with the row above.
@@ -89,6 +97,29 @@ impl Continuity {
         }
         Self { wraps: wraps as usize, jumps: jumps as usize }
     }
+}
+
+/// The same pairs as of [`Continuity::of_row`] whose orders do not follow each other: thirds of those between which the phase runs on, without
+/// those by chance.
+fn meetings(map: &PhaseViewMut, width: usize, row: usize, stride: usize) -> i64 {
+    let (phase, valid) = (&*map.phase_rad, &*map.valid);
+    let jumps = |one: usize, other: usize| {
+        valid[one] & valid[other] != 0 && nearest((phase[other] - phase[one]) / TAU) != 0.0
+    };
+    let places = row * width..(row + 1) * width;
+    let mut all = 0;
+    if row.is_multiple_of(stride) {
+        let (phase, valid) = (&phase[places.clone()], &valid[places.clone()]);
+        let jumping = (1..width).filter(|at| jumps(places.start + at - 1, places.start + at));
+        all += jumping.map(|at| i64::from(meeting(phase, valid, at, (1, 1)))).sum::<i64>();
+    }
+    if row > 0 {
+        let looked_at = |column: &usize| (column / SIDE) % stride == row % stride;
+        let below = (0..width).filter(looked_at).map(|column| places.start + column);
+        let jumping = below.filter(|at| jumps(at - width, *at));
+        all += jumping.map(|at| i64::from(meeting(phase, valid, at, (1, width)))).sum::<i64>();
+    }
+    all
 }
 
 impl AddAssign for Continuity {

@@ -74,6 +74,7 @@ mod replace;
 mod report;
 mod risk;
 mod roles;
+mod runs_on;
 mod sensor_test;
 mod sets;
 mod settings;

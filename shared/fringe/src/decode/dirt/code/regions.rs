@@ -9,7 +9,7 @@ use crate::unwrap::{Method, UnwrapSettings, Wrapped, unwrap};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Neighbours whose phases differ by less than so many times the usual difference belong to one surface, within these limits, turns.
+/// Neighbours belong to one surface that misfit its slope by less than so many times the usual, within these limits, turns.
 const USUAL: f64 = 4.0;
 const CONTINUOUS: [f64; 2] = [0.03, 0.2];
 /// Pixels that tell the usual difference, about.
@@ -112,7 +112,7 @@ struct Parts {
     of: Vec<u32>,
     /// Pixels of each part.
     areas: Vec<usize>,
-    /// Largest difference of neighbours on one surface, turns.
+    /// Largest misfit of neighbours on one surface, turns.
     limit: f64,
 }
 
@@ -229,32 +229,45 @@ fn around(at: usize, width: usize, pixels: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// Largest difference of neighbours that belong to one surface, turns.
+/// Largest misfit of neighbours that belong to one surface, turns.
 fn continuous(look: &CodeLook) -> f64 {
     let every = (look.phase_rad.len() / SAMPLES).max(1) | 1;
-    let places = (0..look.phase_rad.len().saturating_sub(look.width)).step_by(every);
-    let steps = places.flat_map(|place| [(place, place + 1), (place, place + look.width)]);
-    let mut differences: Vec<f64> = steps
-        .filter_map(|(one, other)| {
-            let difference = look.turn(other)? - look.turn(one)?;
-            Some((difference - difference.round()).abs())
-        })
-        .collect();
-    // The steeper of rows and columns counts: half of the differences belong to the other.
-    let middle = differences.len() / 4 * 3;
-    if differences.is_empty() {
+    let places = (0..look.phase_rad.len()).step_by(every);
+    let steps =
+        places.flat_map(|place| around(place, look.width, look.phase_rad.len()).map(|next| (place, next)));
+    let mut misfits: Vec<f64> =
+        steps.filter_map(|(one, other)| Some(misfit(look, one, other?)?.abs())).collect();
+    // At rims and where little is known of the slope it is larger.
+    let middle = misfits.len() / 4 * 3;
+    if misfits.is_empty() {
         return CONTINUOUS[1];
     }
-    let usual = *differences.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let usual = *misfits.select_nth_unstable_by(middle, f64::total_cmp).1;
     (USUAL * usual).clamp(CONTINUOUS[0], CONTINUOUS[1])
+}
+
+/// By how much the step to a neighbour differs from the mean of the step before and the step behind, turns without the whole ones: steep fringes are
+/// no rims.
+fn misfit(look: &CodeLook, at: usize, next: usize) -> Option<f64> {
+    let (low, high) = (at.min(next), at.max(next));
+    let stride = high - low;
+    let in_row = |one: usize, other: usize| stride > 1 || one / look.width == other / look.width;
+    let step = |one: usize, other: usize| {
+        let difference = look.turn(other)? - look.turn(one)?;
+        Some(difference - difference.round())
+    };
+    let before = low.checked_sub(stride).filter(|at| in_row(*at, low)).and_then(|at| step(at, low));
+    let behind = Some(high + stride)
+        .filter(|at| *at < look.phase_rad.len() && in_row(high, *at))
+        .and_then(|at| step(high, at));
+    let (sum, count) = [before, behind].iter().flatten().fold((0.0, 0.0), |(sum, n), s| (sum + s, n + 1.0));
+    let misfit: f64 = step(low, high)? - sum / f64::max(count, 1.0);
+    Some(misfit - misfit.round())
 }
 
 /// Whether the phase of a neighbour follows that of a pixel.
 fn follow(look: &CodeLook, at: usize, next: usize, most: f64) -> bool {
-    look.turn(at).zip(look.turn(next)).is_some_and(|(one, other)| {
-        let difference: f64 = other - one;
-        (difference - difference.round()).abs() < most
-    })
+    misfit(look, at, next).is_some_and(|misfit| misfit.abs() < most)
 }
 
 #[cfg(test)]
