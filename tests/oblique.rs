@@ -17,9 +17,10 @@ fn clean_pictures_of_oblique_views_are_decoded_and_no_frame_is_named() {
     files::rig_file::write_rig(path("rig.toml").as_ref(), &rig, &toml::Table::new(), None).unwrap();
     let scene = root().join("configs/complex-artefact.scene.toml").display().to_string();
     let cell = fs::read_to_string(root().join("configs/calibration.toml")).unwrap();
-    fs::write(path("cell.toml"), cell.replace("demo-rig.toml", "rig.toml")).unwrap();
+    let cell = cell.replace("demo-rig.toml", "rig.toml").replace("board.scene.toml", &scene);
+    fs::write(path("cell.toml"), cell).unwrap();
     let (cell, recording, json) = (path("cell.toml"), path("rec"), path("decode.json"));
-    fringetool(&["simulate", &cell, "--scene", &scene, "--out", &recording]).expect_success();
+    fringetool(&["simulate", &cell, "--out", &recording]).expect_success();
     let ran = fringetool(&["decode", &recording, "--out", &path("out"), "--json", &json]).expect_success();
     let found: Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
     let views = found["views"].as_array().unwrap();
