@@ -8,8 +8,9 @@
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
-use super::cells::{Cells, Grid};
+use super::cells::{Cells, Grid, Surroundings};
 use std::cmp::Reverse;
+use std::ops::Range;
 
 /// Mean square of the distances over the stated one from which on a cell, its block and those around it disagree. The variance of distances is
 /// 1.2 times the stated one, since that takes the points of a surface as independent: of a block, with some eight independent distances, noise
@@ -66,37 +67,56 @@ pub(super) struct Comparison<'a> {
     pub grid: &'a Grid,
 }
 
+/// The cells that decide whether one disagrees.
+struct Around {
+    near: Surroundings<9>,
+    wide: Surroundings<25>,
+}
+
+impl Around {
+    fn new(grid: &Grid) -> Self {
+        Self { near: Surroundings::new(grid), wide: Surroundings::new(grid) }
+    }
+}
+
 impl Comparison<'_> {
     /// Adds the cells of both clouds in which they disagree; `open` is memory for the keys of cells in which nothing was compared.
     pub fn find(&self, open: &mut Vec<u64>, raised: &mut Vec<Raised>) {
         open.clear();
         let (own, other) = (self.own.1, self.other.1);
+        let mut around = Around::new(self.grid);
+        let mut beside = Surroundings::<9>::new(self.grid);
         for (number, key) in own.keys().filter(|(number, _)| self.compared[*number].disagrees(LIKELY)) {
-            if self.around(key).is_some() {
+            let own_rows = around.near.rows(own, key);
+            if self.disagreeing(key, &own_rows, &mut around.wide).is_some() {
                 self.raise(key, &self.compared[number], raised);
             }
-            let silent = own.block(self.grid, key, 1).filter(|(_, cell)| self.compared[*cell].count < 1.0);
-            open.extend(silent.map(|(key, _)| key));
-            let keys = other.block(self.grid, key, 1).map(|(key, _)| key);
-            open.extend(keys.filter(|key| own.find(*key).is_none()));
+            for (own_row, other_row) in own_rows.iter().zip(beside.rows(other, key)) {
+                let silent = own_row.clone().filter(|cell| self.compared[*cell].count < 1.0);
+                open.extend(silent.map(|cell| own.key(cell)));
+                let keys = other_row.map(|cell| other.key(cell));
+                open.extend(keys.filter(|key| own_row.clone().all(|cell| own.key(cell) != *key)));
+            }
         }
         open.sort_unstable();
         open.dedup();
+        let mut around = Around::new(self.grid);
         for key in open.iter() {
-            if let Some(block) = self.around(*key) {
+            let own_rows = around.near.rows(own, *key);
+            if let Some(block) = self.disagreeing(*key, &own_rows, &mut around.wide) {
                 self.raise(*key, &block, raised);
             }
         }
     }
 
     /// What a cell and the 26 around it show together, where that is a disagreement.
-    fn around(&self, key: u64) -> Option<Compared> {
-        let block = self.within(key, 1);
+    fn disagreeing(&self, key: u64, rows: &[Range<usize>], wide: &mut Surroundings<25>) -> Option<Compared> {
+        let block = self.within(rows);
         if block.count < LEAST || !block.disagrees(LIKELY) {
             return None;
         }
-        let confirmed = || {
-            let Compared { count, squares, stated } = self.within(key, 2);
+        let mut confirmed = || {
+            let Compared { count, squares, stated } = self.within(&wide.rows(self.own.1, key));
             let (count, squares, stated) =
                 (count - block.count, squares - block.squares, stated - block.stated);
             count >= LEAST && Compared { count, squares, stated }.disagrees(LIKELY)
@@ -104,11 +124,10 @@ impl Comparison<'_> {
         (block.disagrees(CERTAIN) || confirmed()).then_some(block)
     }
 
-    /// What the cells around a key show together, up to so many cells away.
-    fn within(&self, key: u64, reach: i64) -> Compared {
+    /// What the cells of some rows show.
+    fn within(&self, rows: &[Range<usize>]) -> Compared {
         let mut sum = Compared::default();
-        for (_, cell) in self.own.1.block(self.grid, key, reach) {
-            let Compared { count, squares, stated } = self.compared[cell];
+        for Compared { count, squares, stated } in rows.iter().flat_map(|row| &self.compared[row.clone()]) {
             sum.count += count;
             sum.squares += squares;
             sum.stated += stated;
