@@ -67,7 +67,7 @@ pub(super) fn is_finite(point: &Point) -> bool {
 pub(super) struct Grid {
     origin_mm: [f64; 3],
     per_mm: f64,
-    bits: [u32; 3],
+    pub bits: [u32; 3],
 }
 
 /// Sites sorted by cell.
@@ -75,7 +75,7 @@ pub(super) struct Grid {
 pub(super) struct Cells {
     pub sites: Sites,
     /// Start of each occupied cell in `sites`, with its key; behind the last one their end.
-    occupied: Vec<(u64, u32)>,
+    pub occupied: Vec<(u64, u32)>,
     spare: Vec<(u64, u32)>,
     order: Vec<(u64, u32)>,
 }
@@ -106,9 +106,11 @@ impl Grid {
         (cell(0) << (self.bits[1] + self.bits[2])) | (cell(1) << self.bits[2]) | cell(2)
     }
 
-    /// Keys of the middle cells of the nine rows (along z) around a cell, less its own key.
-    fn row_offsets(&self) -> [i64; 9] {
-        std::array::from_fn(|slot| self.row_offset(slot as i64 / 3 - 1, slot as i64 % 3 - 1))
+    /// Keys of the middle cells of the N rows (along z) around a cell, 9 or 25, less its own key.
+    pub fn row_offsets<const N: usize>(&self) -> [i64; N] {
+        let edge = N.isqrt() as i64;
+        let away = |step: i64| step - edge / 2;
+        std::array::from_fn(|slot| self.row_offset(away(slot as i64 / edge), away(slot as i64 % edge)))
     }
 
     /// Key of a cell so many cells further along x and y, less its own key.
@@ -170,7 +172,7 @@ impl Cells {
         mut visit: impl FnMut(&Sites, Range<usize>) -> bool,
     ) {
         let key = grid.key(position_mm);
-        let offsets = grid.row_offsets();
+        let offsets = grid.row_offsets::<9>();
         // The middle row is the most likely one to have enough.
         for row in [4, 1, 3, 5, 7, 0, 2, 6, 8] {
             let middle = key.wrapping_add_signed(offsets[row]);
@@ -203,7 +205,7 @@ impl Cells {
         other: &Cells,
         mut visit: impl FnMut(Range<usize>, &[Range<usize>; 9]),
     ) {
-        let offsets = grid.row_offsets();
+        let offsets = grid.row_offsets::<9>();
         let Some((first, _)) = self.occupied[cells.clone()].first() else { return };
         let mut cursors = offsets.map(|offset| {
             let middle = first.wrapping_add_signed(offset);
@@ -226,50 +228,6 @@ impl Cells {
             }
             visit(start as usize..end as usize, &runs);
         }
-    }
-}
-
-/// The cells around one cell after another, in ascending order of their keys: N = 9 rows along z hold those up to one cell away, N = 25 those
-/// up to two. Each row is followed from where it was found last, so that all questions together walk once along the cells.
-#[derive(Debug, Clone)]
-pub(super) struct Surroundings<const N: usize> {
-    /// Keys of the middle cells of the rows, less the key of the cell.
-    offsets: [i64; N],
-    /// Where each row begins among the cells that hold points.
-    cursors: [usize; N],
-    /// Cells of a row to either side of its middle.
-    reach: u64,
-}
-
-impl<const N: usize> Surroundings<N> {
-    /// Before the first question.
-    pub fn new(grid: &Grid) -> Self {
-        let edge = N.isqrt() as i64;
-        let reach = edge / 2;
-        let offsets = std::array::from_fn(|slot| {
-            grid.row_offset(slot as i64 / edge - reach, slot as i64 % edge - reach)
-        });
-        Self { offsets, cursors: [0; N], reach: reach as u64 }
-    }
-
-    /// Numbers of those cells that hold points in each row around a key that is no smaller than the last one. What lies beyond the first
-    /// cell of a row has the key of a free cell, or none.
-    pub fn rows(&mut self, cells: &Cells, key: u64) -> [Range<usize>; N] {
-        let mut rows = [const { 0..0 }; N];
-        for ((row, cursor), offset) in rows.iter_mut().zip(&mut self.cursors).zip(self.offsets) {
-            let Some(middle) = key.checked_add_signed(offset) else { continue };
-            let from = middle.saturating_sub(self.reach);
-            // The last entry of `occupied` has the largest key: the walk ends there.
-            while cells.occupied[*cursor].0 < from {
-                *cursor += 1;
-            }
-            let mut end = *cursor;
-            while cells.occupied[end].0 <= middle + self.reach {
-                end += 1;
-            }
-            *row = *cursor..end;
-        }
-        rows
     }
 }
 
@@ -306,16 +264,16 @@ pub(super) fn distance2(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cloud(places: &[[f64; 3]]) -> Vec<Point> {
+    pub fn cloud(places: &[[f64; 3]]) -> Vec<Point> {
         let at = |position_mm: &[f64; 3]| Point { position_mm: *position_mm, ..bytemuck::Zeroable::zeroed() };
         places.iter().map(at).collect()
     }
 
-    fn place() -> impl Strategy<Value = [f64; 3]> {
+    pub fn place() -> impl Strategy<Value = [f64; 3]> {
         [-5.0_f64..5.0, -3.0_f64..3.0, -0.5_f64..0.5]
     }
 
@@ -372,39 +330,6 @@ mod tests {
             }
             prop_assert_eq!(&swept, &brute);
             prop_assert_eq!(searched, brute);
-        }
-
-        /// The rows around all cells, and around every second one, hold exactly the cells that comparing all with all finds.
-        #[test]
-        fn the_surroundings_equal_brute_force(
-            places in prop::collection::vec(place(), 1..120),
-            other in prop::collection::vec(place(), 1..120),
-            every in 1_usize..3,
-        ) {
-            let (a, b) = (cloud(&places), cloud(&other));
-            let grid = Grid::over(&Extent::of(&a).and(&Extent::of(&b)), 0.8).unwrap();
-            let (mut asked, mut cells) = (Cells::default(), Cells::default());
-            asked.fill(&grid, &a);
-            cells.fill(&grid, &b);
-            let (mut near, mut wide) = (Surroundings::<9>::new(&grid), Surroundings::<25>::new(&grid));
-            for (_, key) in asked.keys().step_by(every) {
-                let around = |reach: u64| -> Vec<usize> {
-                    let apart = |other: u64| {
-                        let place = |key: u64| [
-                            key >> (grid.bits[1] + grid.bits[2]),
-                            (key >> grid.bits[2]) & ((1 << grid.bits[1]) - 1),
-                            key & ((1 << grid.bits[2]) - 1),
-                        ];
-                        let (here, there) = (place(key), place(other));
-                        (0..3).map(|axis| here[axis].abs_diff(there[axis])).max()
-                    };
-                    cells.keys().filter(|(_, other)| apart(*other) <= Some(reach)).map(|(cell, _)| cell).collect()
-                };
-                let found: Vec<usize> = near.rows(&cells, key).into_iter().flatten().collect();
-                prop_assert_eq!(found, around(1));
-                let found: Vec<usize> = wide.rows(&cells, key).into_iter().flatten().collect();
-                prop_assert_eq!(found, around(2));
-            }
         }
 
         #[test]

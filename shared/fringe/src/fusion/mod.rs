@@ -18,6 +18,7 @@ mod cells;
 mod disagreement;
 mod overlap;
 mod sites;
+mod surroundings;
 
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;

@@ -1,0 +1,86 @@
+//! The cells around cells that are asked for in the order of their keys.
+
+use super::cells::{Cells, Grid};
+use std::ops::Range;
+
+/// The cells around one cell after another, in ascending order of their keys: N = 9 rows along z hold those up to one cell away, N = 25 those
+/// up to two. Each row is followed from where it was found last, so that all questions together walk once along the cells.
+#[derive(Debug, Clone)]
+pub(super) struct Surroundings<const N: usize> {
+    /// Keys of the middle cells of the rows, less the key of the cell.
+    offsets: [i64; N],
+    /// Where each row begins among the cells that hold points.
+    cursors: [usize; N],
+    /// Cells of a row to either side of its middle.
+    reach: u64,
+}
+
+impl<const N: usize> Surroundings<N> {
+    /// Before the first question.
+    pub fn new(grid: &Grid) -> Self {
+        Self { offsets: grid.row_offsets(), cursors: [0; N], reach: N.isqrt() as u64 / 2 }
+    }
+
+    /// Numbers of those cells that hold points in each row around a key that is no smaller than the last one. What lies beyond the first
+    /// cell of a row has the key of a free cell, or none.
+    pub fn rows(&mut self, cells: &Cells, key: u64) -> [Range<usize>; N] {
+        let mut rows = [const { 0..0 }; N];
+        for ((row, cursor), offset) in rows.iter_mut().zip(&mut self.cursors).zip(self.offsets) {
+            let Some(middle) = key.checked_add_signed(offset) else { continue };
+            let from = middle.saturating_sub(self.reach);
+            // The last entry of `occupied` has the largest key: the walk ends there.
+            while cells.occupied[*cursor].0 < from {
+                *cursor += 1;
+            }
+            let mut end = *cursor;
+            while cells.occupied[end].0 <= middle + self.reach {
+                end += 1;
+            }
+            *row = *cursor..end;
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cells::Extent;
+    use super::super::cells::tests::{cloud, place};
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The rows around all cells, and around every second one, hold exactly the cells that comparing all with all finds.
+        #[test]
+        fn the_surroundings_equal_brute_force(
+            places in prop::collection::vec(place(), 1..120),
+            other in prop::collection::vec(place(), 1..120),
+            every in 1_usize..3,
+        ) {
+            let (a, b) = (cloud(&places), cloud(&other));
+            let grid = Grid::over(&Extent::of(&a).and(&Extent::of(&b)), 0.8).unwrap();
+            let (mut asked, mut cells) = (Cells::default(), Cells::default());
+            asked.fill(&grid, &a);
+            cells.fill(&grid, &b);
+            let (mut near, mut wide) = (Surroundings::<9>::new(&grid), Surroundings::<25>::new(&grid));
+            for (_, key) in asked.keys().step_by(every) {
+                let around = |reach: u64| -> Vec<usize> {
+                    let apart = |other: u64| {
+                        let place = |key: u64| [
+                            key >> (grid.bits[1] + grid.bits[2]),
+                            (key >> grid.bits[2]) & ((1 << grid.bits[1]) - 1),
+                            key & ((1 << grid.bits[2]) - 1),
+                        ];
+                        let (here, there) = (place(key), place(other));
+                        (0..3).map(|axis| here[axis].abs_diff(there[axis])).max()
+                    };
+                    cells.keys().filter(|(_, other)| apart(*other) <= Some(reach)).map(|(cell, _)| cell).collect()
+                };
+                let found: Vec<usize> = near.rows(&cells, key).into_iter().flatten().collect();
+                prop_assert_eq!(found, around(1));
+                let found: Vec<usize> = wide.rows(&cells, key).into_iter().flatten().collect();
+                prop_assert_eq!(found, around(2));
+            }
+        }
+    }
+}
