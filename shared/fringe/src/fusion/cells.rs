@@ -5,6 +5,7 @@
 
 use super::buffers::clear_and_reserve;
 use super::sites::Sites;
+use super::surroundings::Surroundings;
 use crate::cloud::Point;
 use std::ops::Range;
 
@@ -78,6 +79,13 @@ pub(super) struct Cells {
     pub occupied: Vec<(u64, u32)>,
     spare: Vec<(u64, u32)>,
     order: Vec<(u64, u32)>,
+}
+
+/// The runs of sites around a cell that were found so far.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Found {
+    key: u64,
+    runs: [Option<Range<usize>>; 9],
 }
 
 impl Grid {
@@ -164,26 +172,33 @@ impl Cells {
         self.order[start..end].iter().map(|(_, index)| *index as usize)
     }
 
-    /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough.
+    /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough; whether it did. `found`: the runs of the
+    /// last question to the same cells, which is often about a neighbour in the same cell.
     pub fn around(
         &self,
         grid: &Grid,
         position_mm: &[f64; 3],
+        found: &mut Found,
         mut visit: impl FnMut(&Sites, Range<usize>) -> bool,
-    ) {
+    ) -> bool {
         let key = grid.key(position_mm);
+        if found.key != key {
+            *found = Found { key, ..Found::default() };
+        }
         let offsets = grid.row_offsets::<9>();
         // The middle row is the most likely one to have enough.
-        for row in [4, 1, 3, 5, 7, 0, 2, 6, 8] {
-            let middle = key.wrapping_add_signed(offsets[row]);
-            let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
-            let last =
-                first + self.occupied[first..].iter().take_while(|(key, _)| *key <= middle + 1).count();
-            let run = self.occupied[first].1 as usize..self.occupied[last].1 as usize;
-            if !run.is_empty() && visit(&self.sites, run) {
-                return;
-            }
-        }
+        [4, 1, 3, 5, 7, 0, 2, 6, 8].into_iter().any(|row| {
+            let find = || self.run(key.wrapping_add_signed(offsets[row]));
+            let run = found.runs[row].get_or_insert_with(find).clone();
+            !run.is_empty() && visit(&self.sites, run)
+        })
+    }
+
+    /// The sites of a cell and of those beside it along z.
+    fn run(&self, middle: u64) -> Range<usize> {
+        let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
+        let last = first + self.occupied[first..].iter().take_while(|(key, _)| *key <= middle + 1).count();
+        self.occupied[first].1 as usize..self.occupied[last].1 as usize
     }
 
     /// Takes a point out of all searches, by its number in the cloud.
@@ -205,27 +220,13 @@ impl Cells {
         other: &Cells,
         mut visit: impl FnMut(Range<usize>, &[Range<usize>; 9]),
     ) {
-        let offsets = grid.row_offsets::<9>();
         let Some((first, _)) = self.occupied[cells.clone()].first() else { return };
-        let mut cursors = offsets.map(|offset| {
-            let middle = first.wrapping_add_signed(offset);
-            other.occupied.partition_point(|(key, _)| *key < middle - 1)
-        });
+        let mut around = Surroundings::<9>::from(grid, other, *first);
         for pair in self.occupied[cells.start..=cells.end].windows(2) {
             let [(key, start), (_, end)] = [pair[0], pair[1]];
-            let mut runs = [const { 0..0 }; 9];
-            for ((cursor, offset), run) in cursors.iter_mut().zip(offsets).zip(&mut runs) {
-                let middle = key.wrapping_add_signed(offset);
-                // The last entry of `occupied` has the largest key: the walk ends there.
-                while other.occupied[*cursor].0 < middle - 1 {
-                    *cursor += 1;
-                }
-                let mut last = *cursor;
-                while other.occupied[last].0 <= middle + 1 {
-                    last += 1;
-                }
-                *run = other.occupied[*cursor].1 as usize..other.occupied[last].1 as usize;
-            }
+            let runs = around
+                .rows(other, key)
+                .map(|row| other.occupied[row.start].1 as usize..other.occupied[row.end].1 as usize);
             visit(start as usize..end as usize, &runs);
         }
     }
@@ -312,8 +313,9 @@ pub(super) mod tests {
                     }
                 });
             }
+            let mut found = Found::default();
             for at in 0..a.len() {
-                other.around(&grid, &own.sites.position_mm(at), |_, run| {
+                other.around(&grid, &own.sites.position_mm(at), &mut found, |_, run| {
                     searched.extend(near(&own, at, &other, run, limit));
                     false
                 });

@@ -16,6 +16,7 @@
 mod buffers;
 mod cells;
 mod disagreement;
+mod near;
 mod overlap;
 mod sites;
 mod surroundings;
@@ -24,11 +25,14 @@ use crate::cloud::Point;
 use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
-use cells::{Cells, Extent, Grid, distance2, is_finite};
+use cells::{Cells, Extent, Found, Grid, distance2, is_finite};
 use disagreement::{Compared, Comparison, Raised};
+use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use sites::Sites;
+use std::ops::Range;
 
 /// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
 const RADIUS_PER_SPACING: f64 = 3.0;
@@ -124,6 +128,8 @@ pub struct Fuser {
     spacings: Vec<f64>,
     distances: Vec<Distances>,
     compared: Vec<Compared>,
+    /// Of each part of an overlap, memory for the sites around a cell.
+    near: Vec<Near>,
     raised: Vec<Raised>,
     /// Keys of cells in which nothing was compared.
     open: Vec<u64>,
@@ -230,10 +236,17 @@ impl Fuser {
         let per_cloud = &self.per_cloud[..clouds.len()];
         for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
             let cloud = clouds[piece.cloud];
+            let mut found = Found::default();
             for (index, keep) in (piece.first..piece.end).zip(keep.iter_mut()) {
                 *keep = has_beside(cloud, index, limit, min_neighbours)
                     || (is_finite(&cloud[index])
-                        && has_around(per_cloud, piece.cloud, grid, &cloud[index], limit, min_neighbours));
+                        && has_around(
+                            (per_cloud, piece.cloud),
+                            grid,
+                            &cloud[index],
+                            &mut found,
+                            (limit, min_neighbours),
+                        ));
             }
             piece.kept = keep.iter().map(|keep| usize::from(*keep)).sum();
         });
@@ -295,10 +308,11 @@ impl Fuser {
                 self.distances.resize(parts, Distances::default());
                 clear_and_reserve(&mut self.compared, own.len());
                 self.compared.resize(own.len(), Compared::default());
+                self.near.resize_with(self.near.len().max(parts), Near::default);
                 let parts = self.distances.par_iter_mut().zip(self.compared.par_chunks_mut(CELLS));
-                parts.enumerate().for_each(|(part, (distances, compared))| {
+                parts.zip(&mut self.near).enumerate().for_each(|(part, ((distances, compared), near))| {
                     let cells = (part * CELLS, compared);
-                    *distances = Distances::of((own, other), cells, grid, &nearness, level);
+                    *distances = Distances::of((own, other), cells, near, grid, &nearness, level);
                 });
                 let mut all = Distances::default();
                 self.distances.iter().for_each(|part| all.join(part));
@@ -356,30 +370,26 @@ fn has_beside(cloud: &[Point], index: usize, limit_mm2: f64, wanted: u32) -> boo
 
 /// Whether a point has so many others, of any cloud, around it; its own cloud is asked first.
 fn has_around(
-    per_cloud: &[Cells],
-    own: usize,
+    (per_cloud, own): (&[Cells], usize),
     grid: &Grid,
     point: &Point,
-    limit_mm2: f64,
-    wanted: u32,
+    found: &mut Found,
+    (limit_mm2, wanted): (f64, u32),
 ) -> bool {
     let mut count = 0;
-    for cells in per_cloud[own..].iter().chain(&per_cloud[..own]) {
-        cells.around(grid, &point.position_mm, |sites, run| {
-            for site in run {
-                count += u32::from(distance2(&sites.position_mm(site), &point.position_mm) <= limit_mm2);
-                // The point finds itself.
-                if count > wanted {
-                    return true;
-                }
+    let mut enough = |sites: &Sites, run: Range<usize>| {
+        for site in run {
+            count += u32::from(distance2(&sites.position_mm(site), &point.position_mm) <= limit_mm2);
+            // The point finds itself.
+            if count > wanted {
+                return true;
             }
-            false
-        });
-        if count > wanted {
-            return true;
         }
-    }
-    false
+        false
+    };
+    let mut others = per_cloud[..own].iter().chain(&per_cloud[own + 1..]);
+    per_cloud[own].around(grid, &point.position_mm, found, &mut enough)
+        || others.any(|cells| cells.around(grid, &point.position_mm, &mut Found::default(), &mut enough))
 }
 
 /// Points of all clouds.

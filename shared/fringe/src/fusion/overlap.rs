@@ -3,7 +3,8 @@
 use super::Overlap;
 use super::cells::{Cells, Grid};
 use super::disagreement::Compared;
-use super::sites::{Beside, Place};
+use super::near::{Beside, Near};
+use super::sites::Place;
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
 use std::ops::Range;
@@ -34,10 +35,11 @@ pub(super) struct Distances {
 }
 
 impl Distances {
-    /// From the points in some cells of one cloud to the surface of another; `compared` gets what each of these cells shows.
+    /// From the points in some cells of one cloud to the surface of another; `compared` gets what each of these cells shows. `near`: memory.
     pub fn of(
         (own, other): (&Cells, &Cells),
         (first, compared): (usize, &mut [Compared]),
+        near: &mut Near,
         grid: &Grid,
         nearness: &Nearness,
         level: Level,
@@ -49,7 +51,7 @@ impl Distances {
             let Some((number, compared)) = numbered.next() else { return };
             *compared = Compared::default();
             if number.is_multiple_of(nearness.every) && runs.iter().any(|run| !run.is_empty()) {
-                vectorised!(level, distances.add_cell((own, other), (sites, runs), nearness, compared));
+                vectorised!(level, distances.add_cell((own, other), (sites, runs), near, nearness, compared));
             }
         });
         distances
@@ -61,17 +63,15 @@ impl Distances {
         &mut self,
         (own, other): (&Cells, &Cells),
         (sites, runs): (Range<usize>, &[Range<usize>; 9]),
+        near: &mut Near,
         nearness: &Nearness,
         compared: &mut Compared,
     ) {
         let limit_mm2 = nearness.radius_mm * nearness.radius_mm;
+        near.take(&other.sites, runs);
         for site in sites {
             let Some(place) = own.sites.place(site, limit_mm2, nearness.cosine) else { continue };
-            let mut beside = Beside::none();
-            for run in runs {
-                other.sites.add_beside(&place, run.start, run.end, &mut beside);
-            }
-            self.add_point(&place, &beside, nearness, compared);
+            self.add_point(&place, &near.beside(&place), nearness, compared);
         }
     }
 

@@ -21,6 +21,16 @@ impl<const N: usize> Surroundings<N> {
         Self { offsets: grid.row_offsets(), cursors: [0; N], reach: N.isqrt() as u64 / 2 }
     }
 
+    /// Before a question about this key or larger ones.
+    pub fn from(grid: &Grid, cells: &Cells, key: u64) -> Self {
+        let mut around = Self::new(grid);
+        for (cursor, offset) in around.cursors.iter_mut().zip(around.offsets) {
+            let from = key.saturating_add_signed(offset).saturating_sub(around.reach);
+            *cursor = cells.occupied.partition_point(|(key, _)| *key < from);
+        }
+        around
+    }
+
     /// Numbers of those cells that hold points in each row around a key that is no smaller than the last one. What lies beyond the first
     /// cell of a row has the key of a free cell, or none.
     pub fn rows(&mut self, cells: &Cells, key: u64) -> [Range<usize>; N] {
