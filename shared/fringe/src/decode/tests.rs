@@ -6,6 +6,7 @@ mod codecs;
 mod diagnose;
 mod dirt;
 mod footprint;
+mod hands;
 mod identity;
 mod levels;
 mod methods;

@@ -18,6 +18,8 @@ pub enum Fault {
     Moved(f64),
     /// One frame shows something else in places.
     Strange,
+    /// A frame of a code shows something else at this share of the pixels, and what it should at the others.
+    Covered(f64),
     /// A frame of a code is brighter (or darker) as a whole, by this share of the step from dark to light.
     Level(f64),
     /// The stripes of a frame stand beside where they should, projector pixels.
@@ -87,7 +89,7 @@ impl Finding {
             Fault::Black => "black",
             Fault::Blurred(_) => "blurred",
             Fault::Moved(_) => "moved",
-            Fault::Strange => "strange",
+            Fault::Strange | Fault::Covered(_) => "strange",
             Fault::Level(_) => "level",
             Fault::Shifted(_) | Fault::Displaced(..) => "shifted",
             Fault::Inverse => "inverse",
@@ -104,7 +106,8 @@ impl Fault {
             | Self::Blurred(size)
             | Self::Moved(size)
             | Self::Level(size)
-            | Self::Shifted(size) => *size,
+            | Self::Shifted(size)
+            | Self::Covered(size) => *size,
             Self::Displaced(right, down) => f64::from(right.unsigned_abs().max(down.unsigned_abs())),
             Self::Black | Self::Strange | Self::Inverse | Self::Shows(..) => 0.0,
         }
@@ -127,6 +130,9 @@ impl fmt::Display for Fault {
                 rad.to_degrees()
             ),
             Self::Strange => f.write_str("shows something else than the others in places"),
+            Self::Covered(share) => {
+                write!(f, "shows something else than the others at {:.0} % of the pixels", share * 100.0)
+            }
             Self::Level(share) => {
                 let sense = if *share > 0.0 { "brighter" } else { "darker" };
                 write!(

@@ -85,7 +85,7 @@ fn exchanged(common: &[Common], frames: usize) -> Option<[usize; 2]> {
 }
 
 impl Strip {
-    /// Mean over the pixels of what a frame shows times what it should, −1 to 1.
+    /// Mean over the pixels of what a frame shows times what it should, −1 to 1; 0 where something stands before them.
     fn agreement(&self, frame: usize, signs: &[f64], begin: i32) -> f64 {
         let (mut sum, mut all) = (0.0, 0.0);
         let first = (begin + 1) * CELLS as i32;
@@ -93,7 +93,7 @@ impl Strip {
             let Some(sign) = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at)) else {
                 continue;
             };
-            sum += self.count[cell] * sign * level.clamp(-1.0, 1.0);
+            sum += self.seen[frame][cell] * sign * level.clamp(-1.0, 1.0);
             all += self.count[cell] * sign.abs();
         }
         if all > 0.0 { sum / all } else { 0.0 }

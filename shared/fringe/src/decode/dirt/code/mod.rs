@@ -11,6 +11,7 @@
 
 mod begins;
 mod bit_edges;
+mod covers;
 mod displaced;
 mod frame_levels;
 mod regions;
@@ -23,7 +24,9 @@ use super::{Fault, Finding, Remedy};
 use crate::decode::rasters::Rasters;
 use crate::decode::roles::CodePlan;
 use crate::pattern::Code;
+use covers::Covers;
 use regions::Regions;
+use strips::Strips;
 
 /// Stripes are wide from so many periods on.
 const WIDE_PERIODS: f64 = 1.5;
@@ -174,15 +177,22 @@ pub struct CodeVerdict {
 /// Looks for wrong frames of a code beside fringes, and writes the stored ones anew where what is left determines them.
 pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
     let regions = Regions::new(look);
-    let strips = strips::Strips::new(look, &regions, rasters);
-    let begins = strips.begins(look);
+    // What shows neither light nor dark has no word in where a region begins.
+    let mut covers = Covers::none(look);
+    covers.add(look, rasters);
+    let begins = Strips::new(look, &regions, rasters, &covers).begins(look);
     let confirmed = regions.share(&begins);
-    let judged = strips.judge(look, &begins);
-    let findings = repair::repair(look, &regions, &begins, &judged, rasters);
+    // What is wrong with a frame as a whole shows at all pixels …
+    let mut judged = Strips::new(look, &regions, rasters, &Covers::none(look)).judge(look, &begins);
+    // … and where the regions are known, what shows the wrong one of light and dark is seen as well.
+    let doubted: Vec<bool> = judged.frames.iter().map(|judged| judged.fault.is_some()).collect();
+    let demanded_px = repair::demanded_px(look, &regions, &begins);
+    covers.add_demanded(look, rasters, &demanded_px, &doubted);
+    judged.cover(look, rasters, &demanded_px, &mut covers);
+    let findings = repair::repair((look, &regions, &begins), &judged, &covers, rasters);
     // A frame that is there, if elsewhere, leaves nothing to the phase.
     let shown = |found: &Finding| matches!(found.remedy, Remedy::OtherFrame | Remedy::Inverse);
-    let demanded_px =
-        if findings.iter().all(shown) { Vec::new() } else { repair::demanded_px(look, &regions, &begins) };
+    let demanded_px = if findings.iter().all(shown) { Vec::new() } else { demanded_px };
     CodeVerdict { findings, confirmed, demanded_px }
 }
 

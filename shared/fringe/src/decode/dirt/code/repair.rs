@@ -1,5 +1,6 @@
 //! Stored frames of a code written anew, where what is left determines them.
 
+use super::covers::Covers;
 use super::regions::{NONE, Regions};
 use super::strips::{Judged, Verdict};
 use super::{CodeLook, Fault, Finding, Remedy, Shown};
@@ -7,18 +8,22 @@ use crate::decode::bits::resolve;
 use crate::decode::coarse::centre_px;
 use crate::decode::order::CODE_EDGE_PERIODS;
 use crate::decode::rasters::Rasters;
+use crate::decode::roles::CodePlan;
+
+/// The pixels, their regions, and with which fringe each of these begins.
+type Known<'a> = (&'a CodeLook<'a>, &'a Regions, &'a [Option<i32>]);
 
 /// Bits of one code that are written from the phase at once.
 const MOST_WRITTEN: usize = 2;
 
 /// Writes the wrong frames anew; what was found and done.
 pub(super) fn repair(
-    look: &CodeLook,
-    regions: &Regions,
-    begins: &[Option<i32>],
+    known: Known,
     verdict: &Verdict,
+    covers: &Covers,
     rasters: &mut Rasters,
 ) -> Vec<Finding> {
+    let look = known.0;
     let mut findings = Vec::new();
     let wrong: Vec<usize> = (0..look.frames.len()).filter(|f| verdict.frames[*f].fault.is_some()).collect();
     // Frames that show each other's patterns are copied before anything is written over them.
@@ -58,7 +63,7 @@ pub(super) fn repair(
     }
     for frame in &unseen {
         if !matches!(look.frames[*frame].shown, Shown::Bit { .. }) {
-            flat(look, *frame, verdict, rasters);
+            flat(look, *frame, verdict, covers, rasters);
         }
     }
     let mut lost: Vec<usize> = unseen;
@@ -69,7 +74,7 @@ pub(super) fn repair(
         }
         return findings;
     }
-    write(look, regions, begins, (&lost, verdict), rasters);
+    write(known, (&lost, verdict), covers, rasters);
     findings
 }
 
@@ -111,72 +116,98 @@ fn mirror(look: &CodeLook, frame: usize, other: usize, verdict: &Verdict, raster
 }
 
 /// White or black, from the fringes.
-fn flat(look: &CodeLook, frame: usize, verdict: &Verdict, rasters: &mut Rasters) {
+fn flat(look: &CodeLook, frame: usize, verdict: &Verdict, covers: &Covers, rasters: &mut Rasters) {
     let level = if look.frames[frame].shown == Shown::White { verdict.light } else { verdict.dark };
-    rasters.put(look.frames[frame].raster, look.phase_rad.len(), |place| value_dn(look, place, level));
+    let values = rasters.taken(look.frames[frame].raster, look.phase_rad.len());
+    rasters.put(look.frames[frame].raster, values.len(), |place| {
+        let is_seen = covers.any(frame) && !covers.hides(frame, place);
+        if is_seen { values[place] } else { value_dn(look, place, level) }
+    });
 }
 
 /// Writes bits that no frame shows as the phase of their region demands, where the other bits confirm it.
 fn write(
-    look: &CodeLook,
-    regions: &Regions,
-    begins: &[Option<i32>],
+    (look, regions, begins): Known,
     (lost, verdict): (&[usize], &Verdict),
+    covers: &Covers,
     rasters: &mut Rasters,
 ) {
-    if lost.is_empty() {
-        return;
-    }
-    let middle = 0.5 * (verdict.dark + verdict.light);
     let pixels = look.phase_rad.len();
     for frame in lost {
-        let Shown::Bit { code, bit, inverse } = look.frames[*frame].shown else { continue };
-        let siblings: Vec<(usize, usize, bool)> = look
-            .frames
-            .iter()
-            .enumerate()
-            .filter_map(|(other, seen)| match seen.shown {
-                Shown::Bit { code: own, bit, inverse: turned } if own == code && turned == inverse => {
-                    Some((other, bit, lost.contains(&other)))
-                }
-                _ => None,
-            })
-            .collect();
-        let unknown = siblings
-            .iter()
-            .filter(|sibling| sibling.2)
-            .fold(0_u16, |mask, s| mask | 1 << (code.bits - 1 - s.1));
-        let own = 1_u16 << (code.bits - 1 - bit);
-        let values: Vec<u16> = (0..pixels)
-            .map(|place| {
-                let x_px = coordinate_px(look, regions, begins, place);
-                let light = x_px.and_then(|x_px| {
-                    let mut seen = 0_u16;
-                    for (other, bit, _) in siblings.iter().filter(|sibling| !sibling.2) {
-                        let light = f64::from(look.level(rasters, *other, place)) > middle;
-                        seen |= u16::from(light ^ inverse ^ code.invert) << (code.bits - 1 - bit);
-                    }
-                    let (mut best, mut flips) = ((f64::INFINITY, 0_u16), unknown);
-                    loop {
-                        let number = resolve(seen | flips, code.code);
-                        let apart =
-                            (centre_px(code.stripe_px, u32::from(number)) - code.shift_px - x_px).abs();
-                        if apart < best.0 {
-                            best = (apart, seen | flips);
-                        }
-                        if flips == 0 {
-                            break;
-                        }
-                        flips = (flips - 1) & unknown;
-                    }
-                    let near = best.0 < 0.5 * code.stripe_px + CODE_EDGE_PERIODS * look.period_px;
-                    near.then_some(((best.1 & own) != 0) ^ inverse ^ code.invert)
-                });
-                let level = light.map_or(middle, |light| if light { verdict.light } else { verdict.dark });
-                value_dn(look, place, level)
-            })
-            .collect();
-        rasters.put(look.frames[*frame].raster, pixels, |place| values[place]);
+        let Some(bits) = Bits::of(look, *frame, lost, covers) else { continue };
+        let middle = 0.5 * (verdict.dark + verdict.light);
+        let values = rasters.taken(look.frames[*frame].raster, pixels);
+        let value = |place: usize| {
+            if !bits.is_lost(*frame, place) {
+                return values[place];
+            }
+            let x_px = coordinate_px(look, regions, begins, place);
+            let light = x_px.and_then(|x_px| bits.demanded(rasters, x_px, place, middle));
+            let level = light.map_or(middle, |light| if light { verdict.light } else { verdict.dark });
+            value_dn(look, place, level)
+        };
+        let written: Vec<u16> = (0..pixels).map(value).collect();
+        rasters.put(look.frames[*frame].raster, pixels, |place| written[place]);
+    }
+}
+
+/// The frames of one code, or of its inverse, of which some are lost at some pixels.
+struct Bits<'a> {
+    look: &'a CodeLook<'a>,
+    covers: &'a Covers,
+    lost: &'a [usize],
+    code: CodePlan,
+    inverse: bool,
+    /// The bit that is asked for.
+    own: u16,
+    /// The frames, and their bits.
+    frames: Vec<(usize, u16)>,
+}
+
+impl<'a> Bits<'a> {
+    /// Those beside a frame; none for white and black.
+    fn of(look: &'a CodeLook, frame: usize, lost: &'a [usize], covers: &'a Covers) -> Option<Self> {
+        let Shown::Bit { code, bit, inverse } = look.frames[frame].shown else { return None };
+        let mask = |bit: usize| 1_u16 << (code.bits - 1 - bit);
+        let frames = look.frames.iter().enumerate().filter_map(|(other, seen)| match seen.shown {
+            Shown::Bit { code: own, bit, inverse: turned } if own == code && turned == inverse => {
+                Some((other, mask(bit)))
+            }
+            _ => None,
+        });
+        Some(Self { look, covers, lost, code, inverse, own: mask(bit), frames: frames.collect() })
+    }
+
+    /// Whether a frame does not show a pixel's bit: it is wrong as a whole, or something stands before it there.
+    fn is_lost(&self, frame: usize, place: usize) -> bool {
+        self.lost.contains(&frame) && (!self.covers.any(frame) || self.covers.hides(frame, place))
+    }
+
+    /// Whether a frame is light at a coordinate that the bits which are seen confirm.
+    fn demanded(&self, rasters: &Rasters, x_px: f64, place: usize, middle: f64) -> Option<bool> {
+        let Self { look, code, inverse, .. } = self;
+        let (mut seen, mut unknown) = (0_u16, 0_u16);
+        for (frame, bit) in &self.frames {
+            if self.is_lost(*frame, place) {
+                unknown |= bit;
+            } else if (f64::from(look.level(rasters, *frame, place)) > middle) ^ inverse ^ code.invert {
+                seen |= bit;
+            }
+        }
+        let (mut best, mut flips) = ((f64::INFINITY, 0_u16), unknown);
+        loop {
+            let number = resolve(seen | flips, code.code);
+            let apart = (centre_px(code.stripe_px, u32::from(number)) - code.shift_px - x_px).abs();
+            if apart < best.0 {
+                best = (apart, seen | flips);
+            }
+            if flips == 0 {
+                break;
+            }
+            flips = (flips - 1) & unknown;
+        }
+        let near = best.0 < 0.5 * code.stripe_px + CODE_EDGE_PERIODS * look.period_px;
+        near.then_some(((best.1 & self.own) != 0) ^ inverse ^ code.invert)
     }
 }
 

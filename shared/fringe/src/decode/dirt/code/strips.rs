@@ -1,6 +1,7 @@
 //! Frames of a code drawn along the fringes of each region, and what they must show there.
 
 use super::begins::begins;
+use super::covers::Covers;
 use super::regions::{NONE, Regions};
 use super::{CodeLook, Fault, Shown};
 use crate::decode::rasters::Rasters;
@@ -45,7 +46,9 @@ pub(super) struct Strips {
 pub(super) struct Strip {
     /// Pixels of each cell.
     pub count: Vec<f64>,
-    /// Mean level of each frame in each cell.
+    /// Of these, those of each frame before which nothing stands.
+    pub seen: Vec<Vec<f64>>,
+    /// Their mean level of each frame in each cell.
     pub level: Vec<Vec<f64>>,
 }
 
@@ -71,6 +74,29 @@ pub(super) struct Verdict {
     pub light: f64,
 }
 
+impl Verdict {
+    /// Names the frames before which something stands; those that are wrong as a whole are not covered.
+    pub fn cover(&mut self, look: &CodeLook, rasters: &Rasters, demanded_px: &[f32], covers: &mut Covers) {
+        for (frame, judged) in self.frames.iter_mut().enumerate().filter(|(_, judged)| judged.fault.is_some())
+        {
+            let levels = [judged.dark, judged.light];
+            let is_whole = match judged.fault {
+                None | Some(Fault::Strange) => false,
+                Some(Fault::Level(_) | Fault::Blurred(_)) => {
+                    covers.are_explained(look, rasters, demanded_px, (frame, levels))
+                }
+                Some(_) => true,
+            };
+            if is_whole {
+                covers.clear(frame);
+            }
+        }
+        for (frame, judged) in self.frames.iter_mut().enumerate().filter(|(frame, _)| covers.any(*frame)) {
+            judged.fault = Some(Fault::Covered(covers.hidden(look, frame)));
+        }
+    }
+}
+
 /// Sums over the cells where a frame should be dark and light.
 #[derive(Debug, Clone, Copy, Default)]
 struct Classes {
@@ -91,11 +117,12 @@ impl Classes {
 }
 
 impl Strips {
-    /// Sums up the levels of all frames.
-    pub fn new(look: &CodeLook, regions: &Regions, rasters: &Rasters) -> Self {
+    /// Sums up the levels of all frames where nothing stands before them.
+    pub fn new(look: &CodeLook, regions: &Regions, rasters: &Rasters, covers: &Covers) -> Self {
         let cells = |turns: i16| (turns as usize + 1) * CELLS;
         let empty = |size: &(usize, i16)| Strip {
             count: vec![0.0; cells(size.1)],
+            seen: vec![vec![0.0; cells(size.1)]; look.frames.len()],
             level: vec![vec![0.0; cells(size.1)]; look.frames.len()],
         };
         let mut strips: Vec<Strip> = regions.sizes.iter().map(empty).collect();
@@ -105,13 +132,16 @@ impl Strips {
                 regions.turns[place] as usize * CELLS + ((turn * CELLS as f64) as usize).min(CELLS - 1);
             let strip = &mut strips[usize::from(*home)];
             strip.count[cell] += 1.0;
-            for (frame, level) in strip.level.iter_mut().enumerate() {
-                level[cell] += f64::from(look.level(rasters, frame, place));
+            for (frame, (level, seen)) in strip.level.iter_mut().zip(&mut strip.seen).enumerate() {
+                if !covers.hides(frame, place) {
+                    level[cell] += f64::from(look.level(rasters, frame, place));
+                    seen[cell] += 1.0;
+                }
             }
         }
         for strip in &mut strips {
-            for level in &mut strip.level {
-                for (level, count) in level.iter_mut().zip(&strip.count) {
+            for (level, seen) in strip.level.iter_mut().zip(&strip.seen) {
+                for (level, count) in level.iter_mut().zip(seen) {
                     *level /= count.max(1.0);
                 }
             }
@@ -252,13 +282,14 @@ impl Strips {
     ) -> Classes {
         let mut classes = Classes::default();
         for (strip, begin) in self.known(begins) {
+            let seen = &strip.seen[frame];
             for (cell, level) in
                 strip.level[frame].iter().enumerate().filter(|(cell, _)| strip.count[*cell] > 0.0)
             {
                 let at = begin * CELLS as i32 + cell as i32 + moved;
                 if let Some(light) = light_at(look, shown, at).filter(|_| !near || is_near(look, shown, at)) {
-                    classes.count[usize::from(light)] += strip.count[cell];
-                    classes.sum[usize::from(light)] += strip.count[cell] * level;
+                    classes.count[usize::from(light)] += seen[cell];
+                    classes.sum[usize::from(light)] += seen[cell] * level;
                 }
             }
         }
@@ -272,8 +303,8 @@ impl Strips {
             for (cell, level) in strip.level[frame].iter().enumerate() {
                 let at = begin * CELLS as i32 + cell as i32;
                 if let Some(light) = light_at(look, &look.frames[frame].shown, at) {
-                    all += strip.count[cell];
-                    wrong += if light == (*level > middle) { 0.0 } else { strip.count[cell] };
+                    all += strip.seen[frame][cell];
+                    wrong += if light == (*level > middle) { 0.0 } else { strip.seen[frame][cell] };
                 }
             }
         }
