@@ -82,7 +82,10 @@ pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool,
         format!("{} χ² {:.1} of {:.1}{verdict}", model.name(), model.chi2, model.limit)
     });
     lines.push(format!("models: {}", tried.collect::<Vec<_>>().join("; ")));
-    lines.push(format!("lengths: u {:.2} µm in 100 mm by the correction", found.u_length * 1e5));
+    lines.push(format!(
+        "lengths of the object in the recording: u {:.2} µm in 100 mm by the correction; elsewhere in the volume, above all along its depth, it is larger",
+        found.u_length * 1e5
+    ));
     if let Some(baseline) = baseline {
         lines.push(format!(
             "baseline by the length standard: factor {:.6} (u {:.6})",
