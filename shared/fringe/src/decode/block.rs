@@ -60,14 +60,6 @@ pub fn sum<T: AddAssign>(mut a: T, b: T) -> T {
     a
 }
 
-/// A fixed number of values from a place on; they must be there.
-#[inline(always)]
-pub fn taken<T: Copy + Default, const N: usize>(values: &[T], first: usize) -> [T; N] {
-    let mut taken = [T::default(); N];
-    taken.copy_from_slice(&values[first..first + N]);
-    taken
-}
-
 /// So many values from a place on, at most N, and another value behind them.
 #[inline(always)]
 pub fn filled<T: Copy, const N: usize>(values: &[T], first: usize, count: usize, rest: T) -> [T; N] {

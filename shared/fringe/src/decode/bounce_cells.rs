@@ -3,11 +3,11 @@
 // Without branches a loop vectorises. The sums of a group are local arrays so that they stay in registers.
 #![allow(clippy::needless_bitwise_bool, clippy::large_stack_arrays)]
 
-use super::block::{filled, taken};
+use super::block::filled;
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use crate::math::simd::vectorised;
+use crate::math::simd::{taken, vectorised};
 use fearless_simd::Level;
 
 /// Edge of a cell, px.

@@ -8,10 +8,11 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::arctan::{angle_positive_rad, quarters_and_rest_rad};
-use super::block::{Planes, filled, state, taken};
+use super::block::{Planes, filled, state};
 use super::chain::{Chain, Start};
 use super::coarse::centre_px;
 use super::order::{Kernel, Lanes, Single};
+use crate::math::simd::taken;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 

@@ -6,9 +6,9 @@
 // A tile is a local array so that it stays in the first cache.
 #![allow(clippy::large_stack_arrays)]
 
-use super::block::taken;
 use super::contrast_bins::{ALIKE, BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
 use super::rasters::Rasters;
+use crate::math::simd::taken;
 use crate::phase::PhaseViewMut;
 
 /// Half the edge of the neighbourhood.

@@ -16,6 +16,7 @@
 mod buffers;
 mod cells;
 mod disagreement;
+mod isolated;
 mod near;
 mod overlap;
 mod sites;
@@ -27,12 +28,11 @@ use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
 use cells::{Cells, Extent, Found, Grid, distance2, is_finite};
 use disagreement::{Compared, Comparison, Raised};
+use isolated::{has_around, has_beside};
 use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use sites::Sites;
-use std::ops::Range;
 
 /// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
 const RADIUS_PER_SPACING: f64 = 3.0;
@@ -43,9 +43,6 @@ const SPACING_SAMPLES: usize = 4096;
 /// Points of a piece, and cells of a part of an overlap: enough to be worth a thread's attention, and many for each thread.
 const PIECE: usize = 4096;
 const CELLS: usize = 512;
-
-/// So many points before and behind a point in the list are looked at before the grid is asked.
-const BESIDE: usize = 4;
 
 /// Settings of the fusion of point clouds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -350,46 +347,6 @@ impl Piece {
     fn points<'a>(&self, clouds: &[&'a [Point]]) -> &'a [Point] {
         &clouds[self.cloud][self.first..self.end]
     }
-}
-
-/// Whether a point has so many others beside it in the list: its neighbours along the image row, as a rule.
-fn has_beside(cloud: &[Point], index: usize, limit_mm2: f64, wanted: u32) -> bool {
-    let place = &cloud[index].position_mm;
-    let near = |other: usize| {
-        cloud.get(other).map_or(0, |o| u32::from(distance2(&o.position_mm, place) <= limit_mm2))
-    };
-    let mut count = 0;
-    for step in 1..=BESIDE {
-        if count >= wanted {
-            break;
-        }
-        count += near(index.wrapping_sub(step)) + near(index + step);
-    }
-    count >= wanted && is_finite(&cloud[index])
-}
-
-/// Whether a point has so many others, of any cloud, around it; its own cloud is asked first.
-fn has_around(
-    (per_cloud, own): (&[Cells], usize),
-    grid: &Grid,
-    point: &Point,
-    found: &mut Found,
-    (limit_mm2, wanted): (f64, u32),
-) -> bool {
-    let mut count = 0;
-    let mut enough = |sites: &Sites, run: Range<usize>| {
-        for site in run {
-            count += u32::from(distance2(&sites.position_mm(site), &point.position_mm) <= limit_mm2);
-            // The point finds itself.
-            if count > wanted {
-                return true;
-            }
-        }
-        false
-    };
-    let mut others = per_cloud[..own].iter().chain(&per_cloud[own + 1..]);
-    per_cloud[own].around(grid, &point.position_mm, found, &mut enough)
-        || others.any(|cells| cells.around(grid, &point.position_mm, &mut Found::default(), &mut enough))
 }
 
 /// Points of all clouds.

@@ -1,6 +1,7 @@
 //! What lies beside a place on another surface: sums over the sites around it, eight of them side by side.
 
 use super::sites::{LANES, Place, Sites};
+use crate::math::simd::taken;
 use std::ops::Range;
 
 /// Memory grows by so many sites, twice what a cell of a surface has around it: cycles are alike, and nothing grows after the first ones.
@@ -83,14 +84,6 @@ impl Near {
         }
         sums
     }
-}
-
-/// Eight entries of a list.
-#[inline(always)]
-fn taken(list: &[f64], from: usize) -> [f64; LANES] {
-    let mut out = [0.0; LANES];
-    out.copy_from_slice(&list[from..from + LANES]);
-    out
 }
 
 /// Eight entries of a list in double precision.

@@ -19,6 +19,14 @@ pub(crate) fn best_level() -> Level {
     Level::new()
 }
 
+/// A fixed number of values from a place on; they must be there.
+#[inline(always)]
+pub(crate) fn taken<T: Copy + Default, const N: usize>(values: &[T], first: usize) -> [T; N] {
+    let mut taken = [T::default(); N];
+    taken.copy_from_slice(&values[first..first + N]);
+    taken
+}
+
 /// All levels of this processor, the plainest first.
 #[cfg(test)]
 pub(crate) fn levels() -> Vec<Level> {

@@ -2,13 +2,13 @@
 
 use super::*;
 
-/// A wavy surface with a step, fringes and a code.
-struct Coded {
-    scene: Scene,
-    sequence: Vec<PatternSet>,
-    frames: Vec<Frame>,
+/// A surface, fringes and a code; [`Coded::new`] makes a wavy one with a step.
+pub(super) struct Coded {
+    pub scene: Scene,
+    pub sequence: Vec<PatternSet>,
+    pub frames: Vec<Frame>,
     /// First frame of the code.
-    first: usize,
+    pub first: usize,
 }
 
 const BITS: u32 = 6;
@@ -47,12 +47,12 @@ impl Coded {
         Self { scene, sequence, frames, first: steps as usize }
     }
 
-    fn values(&self, frame: usize) -> Vec<f64> {
+    pub fn values(&self, frame: usize) -> Vec<f64> {
         let view = self.frames[frame].view();
         (0..view.pixels.len()).map(|i| f64::from(view.pixels.get(i))).collect()
     }
 
-    fn put(&mut self, frame: usize, new: impl Fn(usize) -> f64) {
+    pub fn put(&mut self, frame: usize, new: impl Fn(usize) -> f64) {
         if let PixelBuffer::Mono8(values) = &mut self.frames[frame].pixels {
             values.iter_mut().enumerate().for_each(|(i, v)| *v = new(i).round().clamp(0.0, 255.0) as u8);
         }
@@ -79,7 +79,7 @@ impl Coded {
     }
 
     /// Findings, wrong orders, and valid pixels.
-    fn decode(&self) -> Result<(Vec<Finding>, usize, usize), DecodeError> {
+    pub fn decode(&self) -> Result<(Vec<Finding>, usize, usize), DecodeError> {
         let mut decoder = self.scene.decoder(&self.sequence, &DecodeSettings::default()).unwrap();
         for (index, frame) in self.frames.iter().enumerate() {
             decoder.push(index, &frame.view()).unwrap();

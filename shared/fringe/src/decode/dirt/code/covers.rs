@@ -36,6 +36,8 @@ const LEAST_SHARE: f64 = 0.05;
 pub(super) struct Covers {
     /// Columns of the picture, px, and columns of cells.
     width: [usize; 2],
+    /// Usual levels of dark and light; none where nothing was looked at.
+    levels: Option<[f64; 2]>,
     /// Of each frame, its cells; empty where nothing stands before it.
     cells: Vec<Vec<bool>>,
 }
@@ -58,15 +60,17 @@ impl Covers {
     /// Nothing stands before any frame.
     pub fn none(look: &CodeLook) -> Self {
         let width = [look.width, look.width.div_ceil(CELL_PX)];
-        Self { width, cells: vec![Vec::new(); look.frames.len()] }
+        Self { width, levels: None, cells: vec![Vec::new(); look.frames.len()] }
     }
 
-    /// Looks at all frames for what is neither light nor dark, and adds it.
-    pub fn add(&mut self, look: &CodeLook, rasters: &Rasters) {
-        self.look(look, rasters, None);
+    /// What is neither light nor dark in any of the frames.
+    pub fn new(look: &CodeLook, rasters: &Rasters) -> Self {
+        let mut covers = Self { levels: usual_levels(look, rasters), ..Self::none(look) };
+        covers.look(look, rasters, None);
+        covers
     }
 
-    /// The same with what is light where it should be dark, or dark, by the coordinates that are demanded, projector pixels; NaN: either may be
+    /// Adds what is light where it should be dark, or dark, by the coordinates that are demanded, projector pixels; NaN: either may be
     /// right. Coordinates are in doubt where frames are.
     pub fn add_demanded(
         &mut self,
@@ -79,7 +83,7 @@ impl Covers {
     }
 
     fn look(&mut self, look: &CodeLook, rasters: &Rasters, demanded: Option<(&[f32], &[bool])>) {
-        let Some(levels) = usual_levels(look, rasters) else { return };
+        let Some(levels) = self.levels else { return };
         let (demanded_px, doubted) = demanded.unzip();
         let counts = self.count(look, rasters, demanded_px.unwrap_or(&[]), levels);
         let found: Vec<Vec<bool>> =
@@ -115,7 +119,7 @@ impl Covers {
             let cells = self.cells[frame].iter().zip(&counts.wrong).filter(|(covered, _)| **covered);
             cells.map(|(_, wrong)| f64::from(*wrong)).sum::<f64>()
         };
-        usual_levels(look, rasters).is_some_and(|usual| TIMES * wrong(own) < wrong(usual))
+        self.levels.is_some_and(|usual| TIMES * wrong(own) < wrong(usual))
     }
 
     /// Whether something stands before some pixels of a frame.

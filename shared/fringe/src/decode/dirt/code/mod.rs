@@ -178,8 +178,7 @@ pub struct CodeVerdict {
 pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
     let regions = Regions::new(look);
     // What shows neither light nor dark has no word in where a region begins.
-    let mut covers = Covers::none(look);
-    covers.add(look, rasters);
+    let mut covers = Covers::new(look, rasters);
     let begins = Strips::new(look, &regions, rasters, &covers).begins(look);
     let confirmed = regions.share(&begins);
     // What is wrong with a frame as a whole shows at all pixels …
