@@ -1,6 +1,7 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
 mod bounce;
+mod code_alone;
 mod code_dirt;
 mod codecs;
 mod diagnose;

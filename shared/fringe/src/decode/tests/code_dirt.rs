@@ -47,6 +47,15 @@ impl Coded {
         Self { scene, sequence, frames, first: steps as usize }
     }
 
+    /// A code without fringes, with white and black.
+    pub fn alone(inverse: bool) -> Self {
+        let mut coded = Self::new(4, 0.5, inverse, true);
+        coded.sequence.remove(0);
+        coded.frames = coded.scene.frames(&coded.sequence);
+        coded.first = 0;
+        coded
+    }
+
     pub fn values(&self, frame: usize) -> Vec<f64> {
         let view = self.frames[frame].view();
         (0..view.pixels.len()).map(|i| f64::from(view.pixels.get(i))).collect()
@@ -187,22 +196,15 @@ fn a_wrong_frame_of_a_code_does_not_reach_the_next_sequence() {
 /// A code alone: an inverse stands for its frame, exchanged frames are put back, and what nothing tells is named.
 #[test]
 fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
-    let alone = |inverse: bool| {
-        let mut coded = Coded::new(4, 0.5, inverse, true);
-        coded.sequence.remove(0);
-        coded.frames = coded.scene.frames(&coded.sequence);
-        coded.first = 0;
-        coded
-    };
     let clean = [true, false].map(|inverse| {
-        let (findings, before, valid) = alone(inverse).decode().unwrap();
+        let (findings, before, valid) = Coded::alone(inverse).decode().unwrap();
         assert!(findings.is_empty(), "{findings:?}");
         (before, valid)
     });
     for kind in ["black", "inverse", "swapped", "twice"] {
         for bit in 3..5 {
             let (before, valid) = clean[0];
-            let mut coded = alone(true);
+            let mut coded = Coded::alone(true);
             coded.spoil(kind, bit);
             let (findings, wrong, left) =
                 coded.decode().unwrap_or_else(|error| panic!("{kind} {bit}: {error}"));
@@ -215,7 +217,7 @@ fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
                 "{kind} {bit}: {wrong} ({before}), {left} of {valid}"
             );
             let (before, _) = clean[1];
-            let mut coded = alone(false);
+            let mut coded = Coded::alone(false);
             coded.spoil(kind, bit);
             match coded.decode() {
                 // Exchanged frames are put back, an inverse is turned.
@@ -273,10 +275,7 @@ fn a_shifted_frame_of_a_code_without_fringes_is_moved_back() {
 /// A wide stripe has more contrast than a narrow one, unless its frame is blurred.
 #[test]
 fn a_blurred_frame_of_a_code_without_fringes_is_named() {
-    let mut coded = Coded::new(4, 0.5, false, true);
-    coded.sequence.remove(0);
-    coded.frames = coded.scene.frames(&coded.sequence);
-    coded.first = 0;
+    let mut coded = Coded::alone(false);
     coded.spoil("blurred", 2);
     let (findings, _, _) = coded.decode().unwrap();
     assert!(

@@ -5,13 +5,13 @@
 //! Words are read some pixels beside the edge, where noise does not turn the bit itself.
 
 use super::CodeLook;
+use super::steps::Steps;
 use crate::decode::bits::resolve;
 use crate::decode::rasters::Rasters;
-use crate::math::statistics::median;
 use crate::pattern::Code;
 
 /// Words are read so many pixels before and behind an edge.
-const REACH_PX: usize = 2;
+pub const REACH_PX: usize = 2;
 /// So many finer bits are asked beside a bit: noise in the finest would forbid it anywhere.
 pub const FINER_BITS: usize = 6;
 /// The finest bits change again within the reach: their edges tell nothing of themselves.
@@ -20,8 +20,6 @@ const FINEST_BITS: usize = 2;
 const MOST: usize = 3000;
 /// Fewer edges tell nothing.
 const LEAST: usize = 100;
-/// Places whose distance in stripes is looked at, about.
-const SAMPLES: usize = 20_000;
 /// A bit of whose edges so many are strange is contradicted.
 const STRANGE: f64 = 0.85;
 
@@ -60,8 +58,8 @@ pub struct BitEdges {
     frames: Vec<usize>,
     /// Of each frame, for each of its edges what all frames show on both sides: the first frame the most significant bit.
     of_frame: Vec<Vec<[u16; 2]>>,
-    /// Finest stripes between both sides, in the median of all places.
-    stripes_apart: i32,
+    /// How the stripes run on over as many pixels as lie between both sides.
+    steps: Steps,
 }
 
 /// Which bits contradict the others.
@@ -104,8 +102,8 @@ impl BitEdges {
             words.filter(|[a, b]| (a ^ b) & mask != 0).collect()
         };
         let of_frame = frames.iter().enumerate().map(of_frame).collect();
-        let stripes_apart = stripes_apart(look, code, words);
-        Self { code, frames: frames.to_vec(), of_frame, stripes_apart }
+        let steps = Steps::new(look, rasters, &from);
+        Self { code, frames: frames.to_vec(), of_frame, steps }
     }
 
     /// What contradicts when the frames are read so; free bits are not asked themselves.
@@ -128,27 +126,12 @@ impl BitEdges {
             };
             let strange = of_bit.iter().filter(|sides| {
                 let [a, b] = sides.map(word);
-                !near(a, b, reading.free >> left_out, self.code, 1 + (self.stripes_apart >> left_out))
+                !near(a, b, reading.free >> left_out, self.code, 1 + (self.steps.apart >> left_out))
             });
             strange.count() as f64 / of_bit.len() as f64
         };
         Contradiction { strange: (0..bits).map(strange).collect() }
     }
-}
-
-/// Finest stripes that lie between both sides of an edge, in the median of all places, along the rows or the columns, where there are more.
-fn stripes_apart(look: &CodeLook, code: Code, words: impl Fn([usize; 2]) -> Option<[u16; 2]>) -> i32 {
-    let (width, pixels) = (look.width, look.middle_dn.len());
-    let apart = 2 * REACH_PX + 1;
-    let every = (pixels / SAMPLES).max(1) | 1;
-    let of_step = |step: usize| {
-        let places = (0..pixels.saturating_sub(apart * step)).step_by(every);
-        let words = places.filter_map(|place| words([place, place + apart * step]));
-        let numbers = words.map(|words| words.map(|word| i32::from(resolve(word, code))));
-        let mut found: Vec<f64> = numbers.map(|[a, b]| f64::from((a - b).abs())).collect();
-        median(&mut found).unwrap_or(0.0) as i32
-    };
-    of_step(1).max(of_step(width))
 }
 
 /// Whether two words may be stripes at most so many apart, whatever the free bits are.

@@ -5,7 +5,9 @@
 
 use super::bit_edges::{Reading, near};
 use super::frame_levels::{SAMPLES, every, same, two_levels};
-use super::{CodeLook, CodeVerdict, Fault, Finding, Remedy, Shown, displaced, without_inverses};
+use super::steps::Steps;
+use super::without_inverses::{self, FAINT};
+use super::{CodeLook, CodeVerdict, Fault, Finding, Remedy, Shown, displaced, edge_zones};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
 use crate::pattern::Code;
@@ -21,6 +23,9 @@ const MOST_CHANGED: f64 = 0.5;
 const BLURRED: f64 = 0.75;
 /// A code of whose edges less than this share lead to the next stripe is doubted.
 const CONFIRMED: f64 = 0.5;
+/// Share of the steps from stripe to stripe that run the other way than most, from which on a bit is wrong in a part of the picture; a camera
+/// that is turned about its axis may see as many on steep faces.
+const TURNED_BACK: f64 = 0.1;
 /// Share of the edges that lead to the next stripe when faults were made up for.
 const EXPLAINS: f64 = 0.6;
 
@@ -42,17 +47,24 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
     } else {
         without_inverses::mend(look, &frames, rasters, &mut findings);
     }
+    soft(look, &frames, false, rasters, &mut findings);
+    soft(look, &inverses, true, rasters, &mut findings);
     let strange = strange_edges(look, rasters, &plain);
     let confirmed = 1.0 - strange;
-    if confirmed < CONFIRMED && findings.is_empty() {
+    let steps = Steps::new(look, rasters, &plain.from);
+    let turns_back = steps.run_on() && steps.turned_back > TURNED_BACK;
+    if (confirmed < CONFIRMED || turns_back) && findings.is_empty() {
         let set = frames.first().map_or(0, |frame| look.frames[*frame].set);
         findings.push(Finding { set, step: None, fault: Fault::Strange, remedy: Remedy::Doubted });
     }
-    // What was done shall explain the code.
+    // What was done shall explain the code. Edges of a part are strange, but do not turn the order back.
+    let is_wrong =
+        |finding: &Finding| finding.remedy != Remedy::Doubted || (confirmed < CONFIRMED && turns_back);
     if confirmed < EXPLAINS {
-        for finding in findings.iter_mut().filter(|finding| finding.remedy != Remedy::Doubted) {
-            finding.remedy = Remedy::None;
-        }
+        findings
+            .iter_mut()
+            .filter(|finding| is_wrong(finding))
+            .for_each(|finding| finding.remedy = Remedy::None);
     }
     CodeVerdict { findings, confirmed, demanded_px: Vec::new() }
 }
@@ -109,6 +121,19 @@ fn blurred<'a>(look: &'a CodeLook<'_>, seen: &'a [Option<[f64; 2]>]) -> impl Ite
             .fold(0.0, f64::max);
         (own < BLURRED * finer).then(|| look.finding(frame, Fault::Blurred(own / finer), Remedy::Doubted))
     })
+}
+
+/// Frames whose edges are less steep than those of the others. Stripes that are much wider than the blur keep their contrast.
+fn soft(look: &CodeLook, frames: &[usize], inverse: bool, rasters: &Rasters, findings: &mut Vec<Finding>) {
+    let frames = &frames[..displaced::clear_bits(look, frames, rasters, FAINT)];
+    let edges = edge_zones::edges(look, rasters, frames, inverse);
+    for (bit, share) in edge_zones::soft(&edges) {
+        let finding = look.finding(frames[bit], Fault::Blurred(share), Remedy::Doubted);
+        let place = |found: &Finding| (found.set, found.step);
+        if !findings.iter().any(|found| place(found) == place(&finding)) {
+            findings.push(finding);
+        }
+    }
 }
 
 /// A frame and its inverse that show the same: the one whose words make fewer strange edges is right.

@@ -4,13 +4,12 @@
 //! another order of the frames, or a shift of that one, does so as well, it is put back. Else nothing says what it should show.
 
 use super::bit_edges::{BitEdges, Contradiction, Reading};
-use super::displaced;
 use super::frame_levels::{is_doubled, two_levels};
-use super::{CodeLook, Fault, Finding, Remedy};
+use super::{CodeLook, Fault, Finding, Remedy, displaced, edge_zones};
 use crate::decode::rasters::Rasters;
 
 /// The finest bits with less of the largest contrast are not resolved.
-const FAINT: f64 = 0.15;
+pub const FAINT: f64 = 0.15;
 /// So much smaller a share of another bit's edges is strange without the wrong one.
 const EXPLAINED: f64 = 0.3;
 /// So many contradicted bits that no single frame explains are no part of many faces.
@@ -23,6 +22,7 @@ pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: 
     let as_they_come = Reading::plain(frames);
     let plain = edges.contradiction(&as_they_come);
     if plain.is_none() {
+        findings.extend(flat_bit(look, frames, rasters));
         return;
     }
     let suspects = suspects(&edges, &as_they_come, &plain);
@@ -40,6 +40,10 @@ pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: 
         put_back(look, frames, &reading, rasters, findings);
         return;
     }
+    if let Some(flat) = flat_bit(look, frames, rasters) {
+        findings.push(flat);
+        return;
+    }
     if suspects.iter().rev().any(|suspect| move_back(look, frames, suspect.bit, rasters, findings)) {
         return;
     }
@@ -52,6 +56,14 @@ pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: 
         Finding { set: look.frames[frames[0]].set, step: None, fault: Fault::Strange, remedy }
     };
     findings.push(finding);
+}
+
+/// A frame of one level, though the finer bits say that its own changes in the picture.
+fn flat_bit(look: &CodeLook, frames: &[usize], rasters: &Rasters) -> Option<Finding> {
+    let edges = edge_zones::edges(look, rasters, frames, false);
+    let changes = frames.iter().zip(edges).filter(|(_, edges)| edges.is_some_and(|edges| edges.is_flat));
+    let mut flat = changes.filter(|(frame, _)| two_levels(look, rasters, **frame).is_none());
+    flat.next().map(|(frame, _)| look.finding(*frame, Fault::Black, Remedy::None))
 }
 
 /// A bit without which nothing is contradicted.
