@@ -10,7 +10,8 @@ use fringe::geometry::camera::Camera;
 use fringe::matching::{MatchSettings, Matcher};
 use fringe::pattern::{Axis, Direction, PatternSet};
 use fringe::phase::{PhaseInfo, PhaseMap};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point2, Vector3};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 /// Projector pixels per fringe.
@@ -120,7 +121,7 @@ pub(super) fn matching(bench: &mut Bench) -> Result<()> {
     let mut stereo = Stereo::new(bench)?;
     for threads in [1, 2] {
         bench.time("match rows", threads, || stereo.run(&maps[0], &maps[1]))?;
-        let accuracy = stereo.accuracy()?;
+        let accuracy = stereo.accuracy(&maps[0])?;
         let Some(row) = bench.rows.last_mut() else { continue };
         row.with(accuracy);
         row.with(json!({ "note": "remap, match, triangulation, normals, sigma and smoothing in one" }));
@@ -136,14 +137,15 @@ pub(super) fn pipeline(bench: &mut Bench) -> Result<()> {
         let mut stages = [Vec::new(), Vec::new()];
         bench.time("pipeline", threads, || {
             let start = std::time::Instant::now();
-            cameras.iter_mut().try_for_each(Camera18::decode)?;
+            // As in a cell, where each camera has a process of its own.
+            cameras.par_iter_mut().try_for_each(Camera18::decode)?;
             stages[0].push(start.elapsed().as_secs_f64() * 1e3);
             let start = std::time::Instant::now();
             stereo.run(&cameras[0].map, &cameras[1].map)?;
             stages[1].push(start.elapsed().as_secs_f64() * 1e3);
             Ok(())
         })?;
-        let accuracy = stereo.accuracy()?;
+        let accuracy = stereo.accuracy(&cameras[0].map)?;
         let [decode_ms, match_ms] = stages.map(|mut ms| fringe::math::statistics::median(&mut ms));
         let Some(row) = bench.rows.last_mut() else { continue };
         row.with(json!({ "decode_ms": decode_ms, "match_ms": match_ms, "points": stereo.count }));
@@ -187,34 +189,49 @@ impl Stereo {
         Ok(())
     }
 
-    /// Depth errors against the truth, which is given at the pixels of the rectified left camera.
-    fn accuracy(&self) -> Result<Value> {
+    /// Where a direction from the left camera falls in its rectified picture: the four pixels around it, and the way into them;
+    /// `None` outside the picture, and where the truth has no depth at any of them.
+    fn rectified(&self, direction: Vector3<f64>) -> Option<([usize; 4], [f64; 2])> {
+        let at = self.rotation * direction;
+        let u = self.projection[0] * at.x / at.z + self.projection[2];
+        let v = self.projection[5] * at.y / at.z + self.projection[6];
+        let (c, r) = (u.floor(), v.floor());
+        let (width, height) = (self.left.width_px as usize, self.left.height_px as usize);
+        if !(c >= 0.0 && r >= 0.0 && c + 1.0 < width as f64 && r + 1.0 < height as f64) {
+            return None;
+        }
+        let corner = r as usize * width + c as usize;
+        let four = [corner, corner + 1, corner + width, corner + width + 1];
+        four.iter().any(|i| self.valid[*i] == 1).then_some((four, [u - c, v - r]))
+    }
+
+    /// Number of valid pixels of the left picture of which the truth has a depth.
+    fn lit(&self, left: &PhaseMap) -> usize {
         let width = self.left.width_px as usize;
-        let height = self.left.height_px as usize;
-        ensure!(
-            self.depth_mm.len() == width * height && self.valid.len() == width * height,
-            "truth of another size"
-        );
+        let lit = |pixel: &usize| {
+            let at = Point2::new((pixel % width) as f64, (pixel / width) as f64);
+            let direction = self.left.normalised_from_pixel(at).map(|at| at.push(1.0));
+            left.valid[*pixel] == 1 && direction.and_then(|d| self.rectified(d)).is_some()
+        };
+        (0..left.valid.len()).filter(lit).count()
+    }
+
+    /// Depth errors against the truth, which is given at the pixels of the rectified left camera, and the share of the lit pixels
+    /// that have a point.
+    fn accuracy(&self, left: &PhaseMap) -> Result<Value> {
+        let pixels = self.left.width_px as usize * self.left.height_px as usize;
+        ensure!(self.depth_mm.len() == pixels && self.valid.len() == pixels, "truth of another size");
         let (mut squares, mut good, mut outliers, mut hits) = (0.0, 0_usize, 0_usize, 0_usize);
         for point in &self.points[..self.count] {
-            let at: Vector3<f64> = self.rotation * (self.left.camera_from_world * point.position()).coords;
-            let u = self.projection[0] * at.x / at.z + self.projection[2];
-            let v = self.projection[5] * at.y / at.z + self.projection[6];
-            let (c, r) = (u.floor(), v.floor());
-            if c < 0.0 || r < 0.0 || c + 1.0 >= width as f64 || r + 1.0 >= height as f64 {
-                continue;
-            }
-            let corner = r as usize * width + c as usize;
-            let four = [corner, corner + 1, corner + width, corner + width + 1];
-            if four.iter().any(|i| self.valid[*i] == 0) {
-                hits += usize::from(four.iter().any(|i| self.valid[*i] == 1));
-                continue;
-            }
+            let at = (self.left.camera_from_world * point.position()).coords;
+            let Some((four, [a, b])) = self.rectified(at) else { continue };
             hits += 1;
+            if four.iter().any(|i| self.valid[*i] == 0) {
+                continue;
+            }
             let z = four.map(|i| f64::from(self.depth_mm[i]));
-            let (a, b) = (u - c, v - r);
             let truth = (1.0 - b) * ((1.0 - a) * z[0] + a * z[1]) + b * ((1.0 - a) * z[2] + a * z[3]);
-            let error = at.z - truth;
+            let error = (self.rotation * at).z - truth;
             if error.abs() > OUTLIER_MM {
                 outliers += 1;
             } else {
@@ -222,10 +239,9 @@ impl Stereo {
                 squares += error * error;
             }
         }
-        let lit: usize = self.valid.iter().map(|v| usize::from(*v)).sum();
         Ok(json!({
             "rms_um": (squares / good.max(1) as f64).sqrt() * 1e3,
-            "matched": hits as f64 / lit.max(1) as f64,
+            "matched": hits as f64 / self.lit(left).max(1) as f64,
             "outliers": outliers,
         }))
     }
