@@ -4,7 +4,7 @@ use super::calibration::board::Cell;
 use super::calibration::solve;
 use anyhow::{Context, Result};
 use characterise::calibration::{Calibration, Gauge, Mode, PARAMETERS, TargetShape, modes};
-use characterise::health::PairCovariance;
+use characterise::health::{PairCovariance, ViewCovariance};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Named, Rig};
 
@@ -54,16 +54,25 @@ impl Calibrated {
 
     /// Covariance of two devices.
     pub fn covariance(&self, left: &str, right: &str) -> Result<PairCovariance> {
-        let place =
-            |name: &str| self.found.devices.iter().position(|d| d.name == name).context("a known device");
-        let (n, places) = (PARAMETERS.len(), [place(left)?, place(right)?]);
-        let rows: Vec<usize> = places.iter().flat_map(|place| (0..n).map(move |i| place * n + i)).collect();
-        let matrix = rows
-            .iter()
-            .flat_map(|a| rows.iter().map(|b| self.found.covariance.at(Gauge::FirstDevice, *a, *b)))
-            .collect();
         let names = PARAMETERS.map(str::to_owned).to_vec();
-        Ok(PairCovariance { names: [names.clone(), names], matrix })
+        Ok(PairCovariance { names: [names.clone(), names], matrix: self.part(&[left, right])? })
+    }
+
+    /// Covariance of the partners of a view, then of the view itself.
+    pub fn joint(&self, devices: &[&str]) -> Result<ViewCovariance> {
+        let names = PARAMETERS.map(str::to_owned).to_vec();
+        Ok(ViewCovariance { blocks: (0..devices.len()).collect(), names, matrix: self.part(devices)? })
+    }
+
+    /// The part of the covariance that belongs to some devices, row by row.
+    fn part(&self, devices: &[&str]) -> Result<Vec<f64>> {
+        let place =
+            |name: &&str| self.found.devices.iter().position(|d| d.name == *name).context("a known device");
+        let places: Vec<usize> = devices.iter().map(place).collect::<Result<_>>()?;
+        let n = PARAMETERS.len();
+        let rows: Vec<usize> = places.iter().flat_map(|place| (0..n).map(move |i| place * n + i)).collect();
+        let at = |a: usize, b: usize| self.found.covariance.at(Gauge::FirstDevice, a, b);
+        Ok(rows.iter().flat_map(|a| rows.iter().map(|b| at(*a, *b))).collect())
     }
 
     /// What the covariance leaves open, as motions of points.

@@ -2,7 +2,7 @@
 
 use super::accuracy::Bench;
 use super::calibrated::Calibrated;
-use super::calibration::bars::worst_spacing;
+use super::calibration::bars::{SPACING_MM, worst_spacing};
 use super::calibration::board::{Cell, Plan};
 use super::scan::{decode, views};
 use crate::Outcome;
@@ -11,8 +11,7 @@ use crate::report::{check_outputs, emit_bare};
 use anyhow::{Context, Result};
 use cell::executor::PairMatcher;
 use characterise::health::{
-    Choice, HealthSettings, Match, PairCovariance, Partner, check_pair, estimate_view, match_projector,
-    match_views, stepped,
+    Choice, HealthSettings, Match, Partner, check_pair, estimate_view, match_projector, match_views, stepped,
 };
 use fringe::geometry::camera::Camera;
 use fringe::matching::MatchSettings;
@@ -70,6 +69,8 @@ struct Ending {
     model: String,
     /// Largest error of a sphere spacing after it, mm.
     worst_mm: Option<f64>,
+    /// Stated standard uncertainty of a length of 120 mm anywhere in the volume, by the correction, mm.
+    u_mm: Option<f64>,
 }
 
 /// Everything that was found.
@@ -226,6 +227,7 @@ fn row(
     let ending = |model: &str, view: Option<&Camera>| Ending {
         model: model.to_owned(),
         worst_mm: view.map(|view| worst_mm(calibrated, view)),
+        u_mm: None,
     };
     let mut row = Row {
         drift: name,
@@ -238,21 +240,26 @@ fn row(
     if seen.healthy(calibrated, &file, settings)? {
         return Ok(row);
     }
-    let covariances: Vec<PairCovariance> =
-        PARTNERS.iter().map(|name| calibrated.covariance(name, VIEW)).collect::<Result<_>>()?;
     let partners: Vec<Partner> = (0..PARTNERS.len())
         .map(|i| {
             Ok(Partner {
                 fixed: calibrated.device(PARTNERS[i])?,
                 matches: &seen.matches[i],
-                covariance: Some(&covariances[i]),
                 measures: i == 0,
             })
         })
         .collect::<Result<_>>()?;
-    let estimate = estimate_view(&file, &partners, settings)?;
+    let estimate = estimate_view(
+        &file,
+        &partners,
+        Some(&calibrated.joint(&[PARTNERS.as_slice(), &[VIEW]].concat())?),
+        settings,
+    )?;
     let ended = |choice: Option<Choice>| match choice {
-        Some(Choice::Clear(view)) => ending(&view.name(), Some(&view.camera)),
+        Some(Choice::Clear(view)) => {
+            let u_mm = Some(view.u_volume * SPACING_MM);
+            Ending { u_mm, ..ending(&view.name(), Some(&view.camera)) }
+        }
         Some(Choice::LengthsOpen { models, apart }) => {
             let names: Vec<String> = models.iter().map(characterise::health::ViewCorrection::name).collect();
             ending(&format!("lengths open by {:.1} µm in 100 mm ({})", apart * 1e5, names.join(" or ")), None)
@@ -271,21 +278,22 @@ fn row(
 fn print(report: &Report, drifts: &[(&'static str, [f64; 7])]) {
     println!("{} undrifted rigs, {} corrected", report.undrifted, report.corrected);
     println!(
-        "{:52} {:>20} {:>20}  worst sphere spacing over the volume, µm: undrifted, drifted; corrected without and with a length",
+        "{:52} {:>20} {:>20}  worst sphere spacing over the volume, µm: undrifted, drifted; corrected without and with a length; u of the latter by the correction",
         "drift of one camera", "without a length", "with a length"
     );
     for (name, _) in drifts {
         for row in report.rows.iter().filter(|row| row.drift == *name) {
             let um = |mm: Option<f64>| mm.map_or_else(|| "–".to_owned(), |mm| format!("{:.2}", mm * 1e3));
             println!(
-                "{:52} {:>20} {:>20}  {:6} {:6} {:6} {:6}",
+                "{:52} {:>20} {:>20}  {:6} {:6} {:6} {:6} {:6}",
                 name,
                 row.without.model,
                 row.with.model,
                 um(Some(row.undrifted_mm)),
                 um(Some(row.drifted_mm)),
                 um(row.without.worst_mm),
-                um(row.with.worst_mm)
+                um(row.with.worst_mm),
+                um(row.with.u_mm)
             );
         }
     }

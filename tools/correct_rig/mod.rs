@@ -9,7 +9,8 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
-    Choice, HealthSettings, Match, PairCovariance, Partner, ViewCorrection, check_pair, estimate_view,
+    Choice, HealthSettings, Match, PairCovariance, Partner, ViewCorrection, ViewCovariance, check_pair,
+    estimate_view,
 };
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
@@ -172,21 +173,17 @@ impl Judge<'_> {
     fn correct(&self, args: &Args, recording: &Recording, links: &[Link]) -> Result<Found> {
         let rig = &self.rig_file.rig;
         let (path, start) = (self.rig_file.path.display(), camera(rig, self.view)?);
-        let covariances: Vec<Option<PairCovariance>> =
-            links.iter().map(|link| self.covariance_of(link)).collect();
         let partners: Vec<Partner> = links
             .iter()
-            .zip(&covariances)
-            .map(|(link, covariance)| {
+            .map(|link| {
                 Ok(Partner {
                     fixed: camera(rig, &link.partner)?,
                     matches: &link.matches,
-                    covariance: covariance.as_ref(),
                     measures: rig.pairs.iter().any(|pair| pair.name == link.check.name),
                 })
             })
             .collect::<Result<_>>()?;
-        let mut estimate = estimate_view(start, &partners, self.settings)?;
+        let mut estimate = estimate_view(start, &partners, self.calibration(links).as_ref(), self.settings)?;
         if !self.health(&estimate.camera(), links)?.iter().all(|after| after.1) {
             bail!(
                 "{path}: no rotation, shift and focal length of \"{}\" explains the residuals: a lens changed, or more than one view \
@@ -240,6 +237,19 @@ impl Judge<'_> {
 
     fn covariance_of(&self, link: &Link) -> Option<PairCovariance> {
         pair_covariance(self.covariance?, &self.pair(link))
+    }
+
+    /// What the calibration leaves open of the partners, then of the view; views that it did not include count as exact.
+    fn calibration(&self, links: &[Link]) -> Option<ViewCovariance> {
+        let covariance = self.covariance?;
+        let devices = links.iter().map(|link| link.partner.as_str()).chain([self.view]).enumerate();
+        let (blocks, names): (Vec<usize>, Vec<&str>) =
+            devices.filter(|(_, name)| covariance.devices.iter().any(|device| device == name)).unzip();
+        Some(ViewCovariance {
+            blocks,
+            names: covariance.parameters.clone(),
+            matrix: covariance.part(&names)?,
+        })
     }
 
     /// The pair of a link, the view on the right.

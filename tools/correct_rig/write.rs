@@ -83,8 +83,9 @@ pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool,
     });
     lines.push(format!("models: {}", tried.collect::<Vec<_>>().join("; ")));
     lines.push(format!(
-        "lengths of the object in the recording: u {:.2} µm in 100 mm by the correction; elsewhere in the volume, above all along its depth, it is larger",
-        found.u_length * 1e5
+        "lengths of 100 mm: u {:.2} µm in the object of the recording, up to {:.1} µm elsewhere in the volume, by the correction",
+        found.u_length * 1e5,
+        found.u_volume * 1e5
     ));
     if let Some(baseline) = baseline {
         lines.push(format!(
@@ -112,6 +113,7 @@ pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[(String, bool, 
             "name": model.name(), "chi2": model.chi2, "limit": model.limit, "possible": model.is_possible(),
         })).collect::<Vec<_>>()),
         "u_length": found.map(|(_, found)| found.view.u_length),
+        "u_volume": found.map(|(_, found)| found.view.u_volume),
         "drift": found.map(|(_, found)| found.view.drift),
         "u_drift": found.map(|(_, found)| found.view.u()),
         "baseline": found.and_then(|(_, found)| found.baseline),

@@ -5,13 +5,17 @@
 //! all causes free: χ² = δᵀ C⁻¹ δ of what the model cannot explain, with as many degrees of freedom as causes are held. Where models of the
 //! same size remain that give other lengths, or where the remaining one leaves lengths open, the residuals cannot tell, and a
 //! length standard must. A change of the baseline is never taken without one.
+//!
+//! Another model may be the true one although the chosen one is not contradicted. Each counts with its evidence, the probability of what was
+//! seen under the prior of its drifts (MacKay 1992), and the uncertainty of the chosen one holds how far the others lie from it.
 
 use super::chi_square;
-use super::correct::ViewEstimate;
+use super::correct::{PRIOR, ViewEstimate};
 use super::state::{POSE, UNKNOWNS, stepped};
 use crate::calibration::PARAMETERS;
 use fringe::geometry::camera::Camera;
-use fringe::math::linear::{Dense, Factor, dot};
+use fringe::math::linear::{Dense, Factor, dot, eigen};
+use fringe::math::{exp, ln};
 use nalgebra::Vector3;
 
 /// Lengths that are this well known, relative to themselves, are known: 2 µm in 100 mm, as a good calibration leaves them.
@@ -29,6 +33,9 @@ const MODELS: [[bool; 3]; 7] = [
     [true, true, false],
     [true, true, true],
 ];
+/// Covariance of a drift, row by row.
+type Covariance = [[f64; UNKNOWNS]; UNKNOWNS];
+
 /// Names of what changes.
 const NAMES: [&str; 3] = ["rotation", "shift", "focal length"];
 
@@ -42,13 +49,17 @@ pub struct ViewCorrection {
     /// New state less old one: rotations about x, y, z (rad), shifts along them (mm), relative change of the focal length.
     pub drift: [f64; UNKNOWNS],
     /// Covariance of the drift, row by row.
-    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+    pub covariance: Covariance,
     /// χ² of what the model cannot explain.
     pub chi2: f64,
     /// One true model in twenty exceeds this.
     pub limit: f64,
+    /// Logarithm of the evidence, up to what all models of an estimate have in common.
+    pub log_evidence: f64,
     /// Relative standard uncertainty of lengths that the correction leaves, rms over the object.
     pub u_length: f64,
+    /// The same of 100 mm anywhere that both views of a measuring pair see: the largest.
+    pub u_volume: f64,
 }
 
 /// What the residuals tell of the models.
@@ -117,13 +128,13 @@ impl ViewEstimate {
         let possible: Vec<ViewCorrection> =
             self.models().into_iter().filter(ViewCorrection::is_possible).collect();
         let size = possible.iter().map(ViewCorrection::size).min()?;
-        let mut alike: Vec<ViewCorrection> = possible.into_iter().filter(|m| m.size() == size).collect();
+        let mut alike: Vec<ViewCorrection> = possible.iter().filter(|m| m.size() == size).cloned().collect();
         alike.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let best = alike.first()?.clone();
         let apart = |other: &ViewCorrection| {
-            let difference: Vec<f64> = other.drift.iter().zip(best.drift).map(|(a, b)| a - b).collect();
+            let difference = difference(other, &best);
             let rms = |form: &Dense| dot(&difference, &form.apply(&difference)).max(0.0).sqrt();
-            self.lengths.iter().map(rms).fold(0.0, f64::max)
+            self.object.iter().map(rms).fold(0.0, f64::max)
         };
         // A longer or shorter baseline scales lengths, and other causes may look like it: no residual proves it.
         let unproven = if self.has_lengths { 0.0 } else { self.baseline_change(&best) };
@@ -131,8 +142,41 @@ impl ViewEstimate {
         Some(if apart > KNOWN_LENGTH {
             Choice::LengthsOpen { models: alike, apart }
         } else {
-            Choice::Clear(Box::new(best))
+            Choice::Clear(Box::new(self.with_doubt(&best, &possible)))
         })
+    }
+
+    /// A model with the others' distance from it in its uncertainty, each with its share of the evidence.
+    fn with_doubt(&self, best: &ViewCorrection, possible: &[ViewCorrection]) -> ViewCorrection {
+        let most = possible.iter().map(|m| m.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let evidence = |model: &ViewCorrection| exp(model.log_evidence - most);
+        let sum: f64 = possible.iter().map(evidence).sum();
+        let mut covariance = best.covariance;
+        for model in possible {
+            let (share, difference) = (evidence(model) / sum, difference(model, best));
+            for (row, a) in covariance.iter_mut().zip(difference) {
+                row.iter_mut().zip(difference).for_each(|(c, b)| *c += share * a * b);
+            }
+        }
+        let (u_length, u_volume) = (self.u_length(&covariance), self.u_volume(&covariance));
+        ViewCorrection { covariance, u_length, u_volume, ..best.clone() }
+    }
+
+    /// Relative standard uncertainty of lengths, rms over the object.
+    fn u_length(&self, covariance: &Covariance) -> f64 {
+        let trace = |form: &Dense| {
+            let row = |i: usize| (0..UNKNOWNS).map(|j| form.at(i, j) * covariance[j][i]).sum::<f64>();
+            (0..UNKNOWNS).map(row).sum::<f64>().max(0.0).sqrt()
+        };
+        self.object.iter().map(trace).fold(0.0, f64::max)
+    }
+
+    /// Relative standard uncertainty of lengths anywhere in the volume: the largest.
+    fn u_volume(&self, covariance: &Covariance) -> f64 {
+        let variance = |by: &[f64; UNKNOWNS]| -> f64 {
+            by.iter().zip(covariance).map(|(a, row)| a * dot(row, by)).sum()
+        };
+        self.volume.iter().map(variance).fold(0.0, f64::max).sqrt()
     }
 
     /// By how much of itself the baseline to a measuring partner changes.
@@ -161,10 +205,9 @@ impl ViewEstimate {
             }
         }
         let held = UNKNOWNS - n;
-        let trace = |form: &Dense| {
-            let row = |i: usize| (0..UNKNOWNS).map(|j| form.at(i, j) * covariance[j][i]).sum::<f64>();
-            (0..UNKNOWNS).map(row).sum::<f64>().max(0.0).sqrt()
-        };
+        // Information over that of the prior: what a cause can be before anything is seen against what it can be afterwards.
+        let gained = Dense::from_fn(n, n, |i, j| inner.at(i, j) * PRIOR[free[i]] * PRIOR[free[j]]);
+        let log_det: f64 = eigen(&gained).0.iter().map(|value| ln(value.max(1.0))).sum();
         Some(ViewCorrection {
             changes,
             camera: stepped(&self.start, &drift),
@@ -172,7 +215,14 @@ impl ViewEstimate {
             covariance,
             chi2,
             limit: if held > 0 { chi_square::limit(CONTRADICTED, held) } else { 1e-6 },
-            u_length: self.lengths.iter().map(trace).fold(0.0, f64::max),
+            log_evidence: -0.5 * (chi2 + log_det),
+            u_length: self.u_length(&covariance),
+            u_volume: self.u_volume(&covariance),
         })
     }
+}
+
+/// Drift of a model less that of another one.
+fn difference(a: &ViewCorrection, b: &ViewCorrection) -> [f64; UNKNOWNS] {
+    std::array::from_fn(|i| a.drift[i] - b.drift[i])
 }

@@ -2,18 +2,19 @@
 //!
 //! The residuals answer to rotations, shifts and the focal length of the view (see `rows`). All seven are estimated together by
 //! Gauss–Newton, with what drifts are like as a prior: a direction that the matches do not determine stays where the rig file has
-//! it. The covariance of the estimate holds the phase noise, the error of the phase itself and the calibration's covariance, as the test
-//! of [`check_pair`] does; the error of the phase is no more than the pattern that the fit leaves allows. Which of the seven really changed is chosen afterwards, see `choice`.
+//! it. The errors of the calibration are estimated with them (see `calibrated`), so that the covariance of the estimate holds the phase
+//! noise, the error of the phase itself and the calibration's covariance, as the test of [`check_pair`] does; the error of the phase is no more than the pattern that the fit leaves allows. Which of the seven really changed is chosen afterwards, see `choice`.
 
 use super::HealthError;
+use super::calibrated::{Root, Sums, ViewCovariance};
 use super::drift::check_pair;
 use super::lengths::length_form;
-use super::parameters::PairCovariance;
 use super::robust;
 use super::rows::{Row, rows};
 use super::settings::HealthSettings;
 use super::state::{Partner, UNKNOWNS, stepped};
 use super::tiles::Tiles;
+use super::volume;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, Factor};
 use nalgebra::Vector3;
@@ -21,7 +22,7 @@ use nalgebra::Vector3;
 /// Rounds of Gauss–Newton; drifts are small, so that the second one only confirms.
 const ROUNDS: usize = 4;
 /// Standard deviation of a drift before anything is seen of it: rad, mm, relative change of the focal length.
-const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
+pub(super) const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
 
 /// Smooth errors of the phase within the causes are taken for up to so many times those that no cause explains …
 const PATTERN: f64 = 2.0;
@@ -49,8 +50,10 @@ pub struct ViewEstimate {
     pub drift: [f64; UNKNOWNS],
     /// Inverse covariance of the drift.
     pub(super) weight: Dense,
-    /// Mean of r rᵀ over lengths all over the object, r the derivatives of a length over the length, of each pair that measures.
-    pub(super) lengths: Vec<Dense>,
+    /// Of each pair that measures: what a drift does to lengths of the object, squared, over the lengths.
+    pub(super) object: Vec<Dense>,
+    /// Derivatives of lengths over the lengths, anywhere in the volume of each of these pairs.
+    pub(super) volume: Vec<[f64; UNKNOWNS]>,
     /// From the measuring partners to the view, in the view's frame, mm.
     pub(super) baselines_mm: Vec<Vector3<f64>>,
     /// Whether certified lengths have entered.
@@ -64,33 +67,40 @@ pub struct ViewEstimate {
 pub fn estimate_view(
     view: &Camera,
     partners: &[Partner],
+    calibration: Option<&ViewCovariance>,
     settings: &HealthSettings,
 ) -> Result<ViewEstimate, HealthError> {
     // The covariance of sums over neighbours is larger than that of independent residuals.
     let factor =
         |p: &Partner| Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0));
     let factors: Vec<f64> = partners.iter().map(factor).collect::<Result<_, HealthError>>()?;
+    let root = Root::new(calibration, partners.len())?;
     let mut drift = [0.0; UNKNOWNS];
-    let mut sums = Sums::new(&drift);
+    let mut weight = Dense::zeros(UNKNOWNS, UNKNOWNS);
     for _ in 0..ROUNDS {
         let now = stepped(view, &drift);
-        sums = Sums::new(&drift);
-        for (partner, factor) in partners.iter().zip(&factors) {
-            sums.add_partner(partner, &now, *factor, settings)?;
+        let mut sums = Sums::new(partners.len());
+        for (index, (partner, factor)) in partners.iter().zip(&factors).enumerate() {
+            add_partner(&mut sums, (index, partner), &now, *factor, settings)?;
         }
-        let step = Factor::new(&sums.information).map_err(|_| HealthError::Degenerate)?.solve(&sums.right);
+        let (information, mut right) = sums.without_errors(&root)?;
+        weight = information;
+        for (i, (right, prior)) in right.iter_mut().zip(PRIOR).enumerate() {
+            weight.add(i, i, prior.powi(-2));
+            *right -= drift[i] * prior.powi(-2);
+        }
+        let step = Factor::new(&weight).map_err(|_| HealthError::Degenerate)?.solve(&right);
         drift.iter_mut().zip(&step).for_each(|(d, s)| *d += s);
     }
-    // C = J⁻¹ S J⁻¹, so that C⁻¹ = J S⁻¹ J.
-    let spread = Factor::new(&sums.spread).map_err(|_| HealthError::Degenerate)?.inverse();
     let now = stepped(view, &drift);
     let measuring = || partners.iter().filter(|p| p.measures || partners.iter().all(|p| !p.measures));
     let baseline = |p: &Partner| now.camera_from_world.rotation * (now.centre_mm() - p.fixed.centre_mm());
     Ok(ViewEstimate {
         start: view.clone(),
         drift,
-        weight: sums.information.sandwich(&spread),
-        lengths: measuring().filter_map(|p| length_form(p, &now)).collect(),
+        weight,
+        object: measuring().filter_map(|p| length_form(p, &now)).collect(),
+        volume: measuring().flat_map(|p| volume::lengths(p, &now)).collect(),
         baselines_mm: measuring().map(baseline).collect(),
         has_lengths: false,
     })
@@ -153,74 +163,22 @@ impl ViewEstimate {
     }
 }
 
-/// Sums of the equations.
-struct Sums {
-    information: Dense,
-    right: Vec<f64>,
-    /// Covariance of the sums in `right`.
-    spread: Dense,
-}
-
-impl Sums {
-    /// Of the prior alone.
-    fn new(drift: &[f64; UNKNOWNS]) -> Self {
-        let information =
-            Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| if i == j { PRIOR[i].powi(-2) } else { 0.0 });
-        let right = (0..UNKNOWNS).map(|i| -drift[i] * PRIOR[i].powi(-2)).collect();
-        Self { spread: information.clone(), information, right }
-    }
-
-    fn add_partner(
-        &mut self,
-        partner: &Partner,
-        view: &Camera,
-        correlation: f64,
-        settings: &HealthSettings,
-    ) -> Result<(), HealthError> {
-        let rows = rows(partner.fixed, view, partner.matches);
-        let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
-        let kept: Vec<&Row> =
-            rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
-        let sharpness: f64 = kept.iter().map(|row| row.sigma_px.powi(-2)).sum();
-        // Smooth errors of the phase leave a pattern too: where it is small, so are they.
-        let seen_px = PATTERN * Tiles::new(&kept, &fit).pattern_px();
-        let error_px = settings.phase_error_px.min(seen_px.max(LEAST_ERROR_PX));
-        let phase = error_px.powi(2) * sharpness / fit.directions.len() as f64;
-        let weight = 1.0 / (correlation + phase);
-        for row in &kept {
-            for (i, a) in row.cause.iter().enumerate() {
-                self.right[i] += weight * a * row.error;
-                for (j, b) in row.cause.iter().enumerate() {
-                    self.information.add(i, j, weight * a * b);
-                    self.spread.add(i, j, weight * a * b);
-                }
-            }
-        }
-        if let Some(covariance) = partner.covariance {
-            self.add_calibration(&kept, covariance, weight)?;
-        }
-        Ok(())
-    }
-
-    /// What the calibration leaves open moves all residuals together.
-    fn add_calibration(
-        &mut self,
-        kept: &[&Row],
-        covariance: &PairCovariance,
-        weight: f64,
-    ) -> Result<(), HealthError> {
-        let places = covariance.places()?;
-        let n = places.len();
-        let mut cross = Dense::zeros(UNKNOWNS, n);
-        for row in kept {
-            for (i, a) in row.cause.iter().enumerate() {
-                for (j, place) in places.iter().enumerate() {
-                    cross.add(i, j, weight * a * row.file[*place]);
-                }
-            }
-        }
-        let own = Dense::from_fn(n, n, |i, j| covariance.matrix[i * n + j]);
-        self.spread = self.spread.plus(&cross.sandwich(&own));
-        Ok(())
-    }
+/// Adds the residuals of a partner with the view in a state.
+fn add_partner(
+    sums: &mut Sums,
+    (index, partner): (usize, &Partner),
+    view: &Camera,
+    correlation: f64,
+    settings: &HealthSettings,
+) -> Result<(), HealthError> {
+    let rows = rows(partner.fixed, view, partner.matches);
+    let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
+    let kept: Vec<&Row> = rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
+    let sharpness: f64 = kept.iter().map(|row| row.sigma_px.powi(-2)).sum();
+    // Smooth errors of the phase leave a pattern too: where it is small, so are they.
+    let seen_px = PATTERN * Tiles::new(&kept, &fit).pattern_px();
+    let error_px = settings.phase_error_px.min(seen_px.max(LEAST_ERROR_PX));
+    let phase = error_px.powi(2) * sharpness / fit.directions.len() as f64;
+    sums.add(index, &kept, 1.0 / (correlation + phase));
+    Ok(())
 }

@@ -16,6 +16,7 @@
 //! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
+mod calibrated;
 mod chi_square;
 mod choice;
 mod correct;
@@ -32,7 +33,9 @@ mod state;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod volume;
 
+pub use calibrated::ViewCovariance;
 pub use choice::{Choice, ViewCorrection};
 pub use correct::{LengthReading, ViewEstimate, estimate_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};

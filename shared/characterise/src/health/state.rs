@@ -1,7 +1,6 @@
 //! The state of a view that may have drifted, and the views that see the same places.
 
 use super::matches::Match;
-use super::parameters::PairCovariance;
 use super::rows::CAUSES;
 use crate::calibration::{PARAMETERS, moved};
 use fringe::geometry::camera::Camera;
@@ -16,8 +15,6 @@ pub struct Partner<'a> {
     pub fixed: &'a Camera,
     /// Matches with the partner on the left and the corrected view on the right.
     pub matches: &'a [Match],
-    /// Covariance of the calibration of both, the partner on the left.
-    pub covariance: Option<&'a PairCovariance>,
     /// Whether the rig measures lengths with this pair.
     pub measures: bool,
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use fringe::geometry::camera::Camera;
+use fringe::math::linear::{Dense, dot};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use fringe::synthetic::{Noise, Scene, Surface, rig};
@@ -210,11 +211,9 @@ fn what_tells_nothing_is_refused() {
 
 /// A view with its partners as the tests see them.
 fn estimate(view: &Camera, pairs: &[(&Camera, Vec<Match>)]) -> ViewEstimate {
-    let partners: Vec<Partner> = pairs
-        .iter()
-        .map(|(fixed, matches)| Partner { fixed, matches, covariance: None, measures: true })
-        .collect();
-    estimate_view(view, &partners, &EXACT_PHASE).unwrap()
+    let partners: Vec<Partner> =
+        pairs.iter().map(|(fixed, matches)| Partner { fixed, matches, measures: true }).collect();
+    estimate_view(view, &partners, None, &EXACT_PHASE).unwrap()
 }
 
 /// A turn and a longer focal length, or a shift too where a second partner sees it, are taken back within their uncertainty.
@@ -278,4 +277,73 @@ fn a_shift_needs_a_length_where_one_partner_sees_it() {
     let Some(Choice::Clear(known)) = found.with_lengths(&[reading]).choose() else { panic!("still open") };
     assert!((length(&known.camera) - 100.0).abs() < 0.002, "{:?}", known.drift);
     assert!((known.drift[3] - 0.05).abs() < 0.005 && known.name() == "shift", "{:?}", known.drift);
+}
+
+/// A partner that is wrong by what its calibration states moves the view by less where that is known, and the estimate's χ² has as many
+/// degrees of freedom as there are causes.
+#[test]
+fn errors_of_the_calibration_are_no_drift_and_lengths_hold_all_over_the_volume() {
+    let [left, right, third] = rig(1124, 750);
+    let sd = [4e-5, 0.02];
+    // Blocks of the second partner and of the view; the first partner is exact.
+    let variance = |k: usize| if k % 5 == 0 && k < 10 { f64::powi(sd[k / 5], 2) } else { 0.0 };
+    let names = ["rx_rad", "tz_mm"].map(str::to_owned).to_vec();
+    let known = ViewCovariance { blocks: vec![1, 2], names, matrix: (0..16).map(variance).collect() };
+    let (mut noise, rounds) = (Noise(31), 16);
+    let (mut chi2, mut squares, mut lengths, mut stated) = (0.0, [0.0; 2], Vec::new(), 0.0);
+    for _ in 0..rounds {
+        let seen = [&left, &third].map(|fixed| matches(fixed, &right, 0.02, &mut noise, 500));
+        let mut wrong = turned(&third, 0, (noise.gauss() * sd[0]).to_degrees());
+        wrong.camera_from_world.translation.vector.z += noise.gauss() * sd[1];
+        let partners = [(&left, &seen[0]), (&wrong, &seen[1])].map(|(fixed, matches)| Partner {
+            fixed,
+            matches,
+            measures: std::ptr::eq(fixed, &left),
+        });
+        let found =
+            [Some(&known), None].map(|known| estimate_view(&right, &partners, known, &EXACT_PHASE).unwrap());
+        for (sum, found) in squares.iter_mut().zip(&found) {
+            *sum += found.drift[0].powi(2);
+        }
+        let found = &found[0];
+        chi2 += dot(&found.drift, &found.weight.apply(&found.drift)) / f64::from(rounds);
+        lengths.resize(found.volume.len(), 0.0);
+        for (sum, by) in lengths.iter_mut().zip(&found.volume) {
+            *sum += dot(by, &found.drift).powi(2) / f64::from(rounds);
+        }
+        stated += found.models().pop().unwrap().u_volume / f64::from(rounds);
+    }
+    // Mean 7, standard deviation of the mean √(14/16) = 0.9.
+    assert!((4.5..9.5).contains(&chi2), "{chi2}");
+    // The exact partner tells this turn by itself.
+    assert!(squares[0] < 0.3 * squares[1], "{squares:?}");
+    let worst = lengths.iter().copied().fold(0.0, f64::max).sqrt();
+    assert!(lengths.len() > 100 && (0.5..1.5).contains(&(worst / stated)), "{worst} beside {stated}");
+}
+
+/// A focal length that changed by two of its uncertainties contradicts nothing, but may be true: the rotation is taken, and its uncertainty
+/// says so.
+#[test]
+fn a_larger_model_that_may_be_true_enters_the_uncertainty() {
+    let [_, right, _] = rig(1124, 750);
+    let u = [1e-6, 1e-6, 1e-6, 1e-3, 1e-3, 1e-3, 5e-5];
+    let found = |focal: f64| {
+        let estimate = ViewEstimate {
+            start: right.clone(),
+            drift: [0.0, 1e-4, 0.0, 0.0, 0.0, 0.0, focal],
+            weight: Dense::from_fn(7, 7, |i, j| if i == j { f64::powi(u[i], -2) } else { 0.0 }),
+            object: Vec::new(),
+            volume: vec![[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]],
+            baselines_mm: vec![Vector3::x() * 200.0],
+            has_lengths: true,
+        };
+        let Some(Choice::Clear(view)) = estimate.choose() else { panic!("{:?}", estimate.choose()) };
+        assert_eq!(view.name(), "rotation");
+        view
+    };
+    let (open, clear) = (found(1e-4), found(1e-5));
+    // Its share is e⁻³ / (e⁻² + e⁻³) = 0.27, the lengths are 10⁻⁴ apart.
+    assert!((open.u_volume / (0.27_f64.sqrt() * 1e-4) - 1.0).abs() < 0.1, "{}", open.u_volume);
+    assert_eq!(open.u_volume, open.u()[6], "the rig file has it too");
+    assert!(clear.u_volume < 1e-5, "{}", clear.u_volume);
 }

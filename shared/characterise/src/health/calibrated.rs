@@ -1,0 +1,133 @@
+//! Errors of the calibration as unknowns beside the drift, known to their covariance.
+//!
+//! A residual is a·δ + f·θ + noise, δ the drift and θ the errors of all parameters of the view and its partners, drawn from the
+//! calibration's covariance C = L Lᵀ. With θ = L z and z of unit variance the sums over all residuals give δ without z:
+//!
+//! ```text
+//! J = Σ a aᵀ − X L (1 + Lᵀ F L)⁻¹ Lᵀ Xᵀ,   X = Σ a fᵀ,  F = Σ f fᵀ
+//! ```
+//!
+//! This is generalised least squares (Aitken 1935): residuals that the calibration explains count less. With weights of the noise alone the
+//! errors of the projectors, larger than those of the cameras, went into the drift.
+
+use super::HealthError;
+use super::parameters::COUNT;
+use super::rows::Row;
+use super::state::UNKNOWNS;
+use crate::calibration::PARAMETERS;
+use fringe::math::linear::{Dense, Factor, eigen};
+
+/// Directions of the correlation matrix below this are rounding.
+const LEAST_VARIANCE: f64 = 1e-12;
+
+/// Covariance of the calibration of a view and its partners.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewCovariance {
+    /// Whose parameters the blocks are: the number of a partner, or the number of partners for the view itself. Others count as exact.
+    pub blocks: Vec<usize>,
+    /// Names of the parameters of each block, as in [`PARAMETERS`]; any subset in any order.
+    pub names: Vec<String>,
+    /// Square, row by row, block after block.
+    pub matrix: Vec<f64>,
+}
+
+/// The root L of a covariance, over the parameters of all partners, then of the view.
+pub(super) struct Root {
+    /// Lᵀ: a direction of unit variance in each row.
+    transposed: Dense,
+}
+
+impl Root {
+    /// Of a calibration; `None` knows everything exactly.
+    pub fn new(covariance: Option<&ViewCovariance>, partners: usize) -> Result<Self, HealthError> {
+        let size = (partners + 1) * COUNT;
+        let Some(covariance) = covariance else { return Ok(Self { transposed: Dense::zeros(0, size) }) };
+        let mut places = Vec::new();
+        for block in &covariance.blocks {
+            for name in &covariance.names {
+                let place = PARAMETERS.iter().position(|known| known == name);
+                places.push(block * COUNT + place.ok_or_else(|| HealthError::Parameter(name.clone()))?);
+            }
+        }
+        let n = places.len();
+        if covariance.matrix.len() != n * n || places.iter().any(|place| *place >= size) {
+            return Err(HealthError::Covariance { found: covariance.matrix.len(), needed: n * n });
+        }
+        // Units differ by orders of magnitude; correlations do not.
+        let sd: Vec<f64> = (0..n).map(|i| covariance.matrix[i * n + i].max(0.0).sqrt()).collect();
+        let over = |i: usize, j: usize| if sd[i] * sd[j] > 0.0 { 1.0 / (sd[i] * sd[j]) } else { 0.0 };
+        let (values, vectors) =
+            eigen(&Dense::from_fn(n, n, |i, j| covariance.matrix[i * n + j] * over(i, j)));
+        let kept: Vec<usize> = (0..n).filter(|k| values[*k] > LEAST_VARIANCE).collect();
+        let mut transposed = Dense::zeros(kept.len(), size);
+        for (row, k) in kept.iter().enumerate() {
+            for (i, place) in places.iter().enumerate() {
+                transposed.add(row, *place, values[*k].sqrt() * vectors.at(*k, i) * sd[i]);
+            }
+        }
+        Ok(Self { transposed })
+    }
+}
+
+/// Weighted sums over the residuals of all partners.
+pub(super) struct Sums {
+    /// Σ a aᵀ, of the drift alone.
+    drift: Dense,
+    /// Σ a fᵀ, of the drift with the calibration's errors.
+    cross: Dense,
+    /// Σ f fᵀ, of the calibration's errors alone.
+    errors: Dense,
+    /// Σ a e, residuals along the drift.
+    drift_right: Vec<f64>,
+    /// Σ f e, residuals along the calibration's errors.
+    errors_right: Vec<f64>,
+}
+
+impl Sums {
+    /// Sums over nothing, for a number of partners.
+    pub fn new(partners: usize) -> Self {
+        let size = (partners + 1) * COUNT;
+        Self {
+            drift: Dense::zeros(UNKNOWNS, UNKNOWNS),
+            cross: Dense::zeros(UNKNOWNS, size),
+            errors: Dense::zeros(size, size),
+            drift_right: vec![0.0; UNKNOWNS],
+            errors_right: vec![0.0; size],
+        }
+    }
+
+    /// Adds the residuals of a partner, all of one weight.
+    pub fn add(&mut self, partner: usize, kept: &[&Row], weight: f64) {
+        let view = self.errors_right.len() - COUNT;
+        let place = |k: usize| if k < COUNT { partner * COUNT + k } else { view + k - COUNT };
+        for row in kept {
+            for (i, a) in row.cause.iter().enumerate() {
+                self.drift_right[i] += weight * a * row.error;
+                row.cause.iter().enumerate().for_each(|(j, b)| self.drift.add(i, j, weight * a * b));
+                row.file.iter().enumerate().for_each(|(k, f)| self.cross.add(i, place(k), weight * a * f));
+            }
+            for (k, f) in row.file.iter().enumerate() {
+                self.errors_right[place(k)] += weight * f * row.error;
+                row.file.iter().enumerate().for_each(|(l, g)| {
+                    self.errors.add(place(k), place(l), weight * f * g);
+                });
+            }
+        }
+    }
+
+    /// Information on the drift, and its product with the drift.
+    pub fn without_errors(&self, root: &Root) -> Result<(Dense, Vec<f64>), HealthError> {
+        let n = root.transposed.rows;
+        if n == 0 {
+            return Ok((self.drift.clone(), self.drift_right.clone()));
+        }
+        let inner = Dense::identity(n).plus(&root.transposed.sandwich(&self.errors));
+        let inverse = Factor::new(&inner).map_err(|_| HealthError::Degenerate)?.inverse();
+        let cross = self.cross.times(&root.transposed.transposed());
+        let taken = cross.sandwich(&inverse);
+        let information = Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| self.drift.at(i, j) - taken.at(i, j));
+        let errors = inverse.apply(&root.transposed.apply(&self.errors_right));
+        let right = self.drift_right.iter().zip(cross.apply(&errors)).map(|(a, b)| a - b).collect();
+        Ok((information, right))
+    }
+}
