@@ -62,7 +62,9 @@ impl Edges {
     fn of(levels: &mut [f64]) -> Option<Self> {
         let light = levels.iter().filter(|level| **level > 0.0).count();
         let fewer = light.min(levels.len() - light);
-        levels.iter_mut().for_each(|level| *level = level.abs());
+        for level in levels.iter_mut() {
+            *level = level.abs();
+        }
         let contrast = median(levels)?;
         Some(Self { contrast, is_flat: (fewer as f64) < FLAT * levels.len() as f64 })
     }
