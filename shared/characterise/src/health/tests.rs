@@ -286,7 +286,7 @@ fn errors_of_the_calibration_are_no_drift_and_lengths_hold_all_over_the_volume()
     let [left, right, third] = rig(1124, 750);
     let sd = [4e-5, 0.02];
     // Blocks of the second partner and of the view; the first partner is exact.
-    let variance = |k: usize| if k % 5 == 0 && k < 10 { f64::powi(sd[k / 5], 2) } else { 0.0 };
+    let variance = |k: usize| if k.is_multiple_of(5) && k < 10 { f64::powi(sd[k / 5], 2) } else { 0.0 };
     let names = ["rx_rad", "tz_mm"].map(str::to_owned).to_vec();
     let known = ViewCovariance { blocks: vec![1, 2], names, matrix: (0..16).map(variance).collect() };
     let (mut noise, rounds) = (Noise(31), 16);
@@ -298,7 +298,7 @@ fn errors_of_the_calibration_are_no_drift_and_lengths_hold_all_over_the_volume()
         let partners = [(&left, &seen[0]), (&wrong, &seen[1])].map(|(fixed, matches)| Partner {
             fixed,
             matches,
-            measures: std::ptr::eq(fixed, &left),
+            measures: fixed == &left,
         });
         let found =
             [Some(&known), None].map(|known| estimate_view(&right, &partners, known, &EXACT_PHASE).unwrap());
