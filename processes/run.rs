@@ -110,10 +110,9 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
 
 /// One run; without an exit code there is to be another one.
 fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
-    let config = args
-        .config
-        .canonicalize()
-        .with_context(|| format!("{}: cannot open the configuration", args.config.display()))?;
+    let config = args.config.canonicalize().with_context(|| {
+        format!("{}: cannot open the configuration; check the path", args.config.display())
+    })?;
     let cell = load(args, &config)?;
     let written = [
         ("--cycle-record", args.cycle_record.as_deref()),

@@ -105,9 +105,14 @@ fn open(path: &Path, formats: &[ImageFormat]) -> Result<Decoder, FileError> {
 
 fn decoder<R: BufRead + Seek + 'static>(
     path: &Path,
-    source: R,
+    mut source: R,
     formats: &[ImageFormat],
 ) -> Result<Decoder, FileError> {
+    // What is left of a file that was written on a full disk.
+    if source.fill_buf().map_err(|source| FileError::io(path, "read it", source))?.is_empty() {
+        let problem = Problem::Unsupported("is empty".into());
+        return Err(FileError::new(path, problem, "record or copy it again"));
+    }
     let reader = ImageReader::new(source);
     let reader = reader.with_guessed_format().map_err(|source| FileError::io(path, "read it", source))?;
     match reader.format() {

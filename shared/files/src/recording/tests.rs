@@ -159,6 +159,10 @@ fn damaged_frames_are_told_with_file_found_and_expected() {
         ),
         (
             Box::new(|f| fs::write(cam1(f).join("001.png"), b"").unwrap()),
+            "001.png: is empty; record or copy it again",
+        ),
+        (
+            Box::new(|f| fs::write(cam1(f).join("001.png"), b"no picture").unwrap()),
             "001.png: is of no known kind, expected PNG or TIFF",
         ),
         (
