@@ -1,7 +1,7 @@
 //! The fringe with which each region begins.
 //!
 //! Two frames that were exchanged are exchanged in all regions. A region of few fringes may agree with another begin as well as with the
-//! exchange, so that is looked for in all of them together.
+//! exchange, so that is looked for in all of them together, as far as the frames tell where they begin.
 
 use super::strips::{CELLS, Strip, light_at};
 use super::{CodeLook, Shown};
@@ -45,7 +45,8 @@ impl Common {
                 |frame: &usize| signs.iter().map(|signs| strip.agreement(*frame, signs, begin)).collect();
             (begin, bits.iter().map(with).collect())
         };
-        let at = (-1..=(orders - turns + 1)).map(of_begin).collect();
+        // A speck whose turns were counted wrong may come long before all others.
+        let at = (-turns..=orders).map(of_begin).collect();
         Self { pixels: strip.count.iter().sum(), at }
     }
 
@@ -66,6 +67,14 @@ impl Common {
         self.pixels * sums.max_by(f64::total_cmp).unwrap_or(0.0)
     }
 
+    /// Whole frames by which all of them agree with the begin of the region, times the pixels; 0 where the frames do not tell it: a region that is
+    /// two surfaces agrees a little with anything.
+    fn told(&self, exchanged: Option<[usize; 2]>) -> f64 {
+        let begin = self.begin(exchanged);
+        let told = self.agreed(exchanged).find(|(at, _)| Some(*at) == begin);
+        self.pixels * told.map_or(0.0, |(_, agreed)| agreed.iter().sum::<f64>())
+    }
+
     /// The begin with which all frames agree, or all but as few as possible.
     fn begin(&self, exchanged: Option<[usize; 2]>) -> Option<i32> {
         let agreed: Vec<(i32, Vec<f64>)> = self.agreed(exchanged).collect();
@@ -75,26 +84,27 @@ impl Common {
     }
 }
 
-/// The two frames that show each other's patterns.
+/// The two frames that show each other's patterns: with which all regions together agree better, and those that tell where they begin as well.
 fn exchanged(common: &[Common], frames: usize) -> Option<[usize; 2]> {
-    let total = |exchanged| common.iter().map(|common| common.best(exchanged)).sum::<f64>();
+    let best = |exchanged| common.iter().map(|common| common.best(exchanged)).sum::<f64>();
+    let told = |exchanged| common.iter().map(|common| common.told(exchanged)).sum::<f64>();
     let pairs = (0..frames).flat_map(|i| (0..i).map(move |j| [i, j]));
-    let (best, pair) = pairs.map(|pair| (total(Some(pair)), pair)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let pixels: f64 = common.iter().map(|common| common.pixels).sum();
-    (best > total(None) + EXCHANGED * pixels).then_some(pair)
+    let (most, pair) = pairs.map(|pair| (best(Some(pair)), pair)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let more = EXCHANGED * common.iter().map(|common| common.pixels).sum::<f64>();
+    (most > best(None) + more && told(Some(pair)) > told(None) + more).then_some(pair)
 }
 
 impl Strip {
-    /// Mean over the pixels of what a frame shows times what it should, −1 to 1; 0 where something stands before them.
+    /// Mean over the pixels of what a frame shows times what it should, −1 to 1; 0 where something stands before them, and outside of the projector.
     fn agreement(&self, frame: usize, signs: &[f64], begin: i32) -> f64 {
         let (mut sum, mut all) = (0.0, 0.0);
         let first = (begin + 1) * CELLS as i32;
         for (cell, level) in self.level[frame].iter().enumerate() {
-            let Some(sign) = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at)) else {
-                continue;
-            };
-            sum += self.seen[frame][cell] * sign * level.clamp(-1.0, 1.0);
-            all += self.count[cell] * sign.abs();
+            let sign = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at));
+            // Nothing outside of the projector was lit by it.
+            let weight = sign.map_or(1.0, |sign| sign.abs());
+            sum += self.seen[frame][cell] * sign.unwrap_or(&0.0) * level.clamp(-1.0, 1.0);
+            all += self.count[cell] * weight;
         }
         if all > 0.0 { sum / all } else { 0.0 }
     }
@@ -124,4 +134,59 @@ fn signs(look: &CodeLook, shown: &Shown, orders: i32) -> Vec<f64> {
     cells
         .map(|cell| light_at(look, shown, cell).map_or(0.0, |light| if light { 1.0 } else { -1.0 }))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A region that begins at one fringe of three: what its frames agree by there, each with its own pattern and with those of the others.
+    fn region(pixels: f64, own: f64, others: f64) -> Common {
+        let row =
+            |i: usize, own: f64, others: f64| (0..5).map(|j| if i == j { own } else { others }).collect();
+        let at = |begin: i32| {
+            let here = if begin == 1 { [own, others] } else { [0.0; 2] };
+            (begin, (0..5).map(|i| row(i, here[0], here[1])).collect())
+        };
+        Common { pixels, at: (0..3).map(at).collect() }
+    }
+
+    #[test]
+    fn a_region_that_tells_no_begin_proves_no_exchange() {
+        // Where two surfaces are one region, its frames agree better with the patterns of others, and with neither enough.
+        let (mixed, small) = (region(9000.0, 0.3, 0.6), region(900.0, 1.0, 0.0));
+        assert_eq!((mixed.begin(None), small.begin(None)), (None, Some(1)));
+        assert_eq!(exchanged(&[mixed, small], 5), None);
+    }
+
+    #[test]
+    fn an_exchange_is_found_where_all_other_frames_agree() {
+        let mut region = region(5000.0, 1.0, 0.0);
+        for (begin, common) in &mut region.at {
+            common.swap(1, 3);
+            assert!(*begin != 1 || common[1][3] > 0.9);
+        }
+        assert_eq!(exchanged(&[region], 5), Some([3, 1]));
+    }
+
+    /// A few pixels at a rim whose turns were counted far off, as they are at steep edges: the region seems to be as long as the projector.
+    #[test]
+    fn pixels_counted_off_hide_no_begin() {
+        let (orders, begin) = (20, 7);
+        // Bits that change at every fringe, every other one and so on, from a period before the projector on.
+        let bit = |bit: u32| {
+            move |cell: i32| if (cell.div_euclid(CELLS as i32) >> bit) & 1 == 1 { 1.0 } else { -1.0 }
+        };
+        let cells = -(CELLS as i32)..(orders + 1) * CELLS as i32;
+        let signs: Vec<Vec<f64>> = (0..5).map(|k| cells.clone().map(bit(k)).collect()).collect();
+        let long = (orders as usize + 4) * CELLS;
+        let real = 10 * CELLS;
+        let count: Vec<f64> = (0..long)
+            .map(|cell| if cell < real { 100.0 } else { f64::from(u8::from(cell + 1 == long)) })
+            .collect();
+        let shows = |k: u32| (0..long).map(|cell| bit(k)(begin * CELLS as i32 + cell as i32)).collect();
+        let strip = Strip { level: (0..5).map(shows).collect(), seen: vec![count.clone(); 5], count };
+        let common = Common::new(&strip, &[0, 1, 2, 3, 4], &signs, orders);
+        assert_eq!(common.begin(None), Some(begin));
+    }
 }
