@@ -12,11 +12,17 @@ const SIZE_PX: (u32, u32) = (336, 224);
 /// The twin's part under fringes along both axes, and its rig.
 struct Lit {
     folder: TempDir,
+    size_px: (u32, u32),
 }
 
 impl Lit {
     fn new() -> Self {
-        let lit = Self { folder: TempDir::new().unwrap() };
+        Self::of(SIZE_PX, 5)
+    }
+
+    /// With cameras of a size, and so many steps of the phase.
+    fn of(size_px: (u32, u32), steps: u32) -> Self {
+        let lit = Self { folder: TempDir::new().unwrap(), size_px };
         lit.write_rig("rig.toml", |_| ());
         let scene = root().join("configs/complex-artefact.scene.toml");
         let cell = format!(
@@ -25,8 +31,8 @@ name = "lit"
 rig = "rig.toml"
 pairs = ["pair1"]
 projector = [{{ name = "proj1", driver = "twin", width_px = 608, height_px = 684, cameras = ["cam1", "cam2"], sequence = [
-  {{ set = "sine", axis = "x", period_px = 16.0, steps = 5 }}, {{ set = "gray", axis = "x", bits = 7, stripe_px = 8.0 }},
-  {{ set = "sine", axis = "y", period_px = 16.0, steps = 5 }}, {{ set = "gray", axis = "y", bits = 7, stripe_px = 8.0 }},
+  {{ set = "sine", axis = "x", period_px = 16.0, steps = {steps} }}, {{ set = "gray", axis = "x", bits = 7, stripe_px = 8.0 }},
+  {{ set = "sine", axis = "y", period_px = 16.0, steps = {steps} }}, {{ set = "gray", axis = "y", bits = 7, stripe_px = 8.0 }},
   {{ set = "white" }}, {{ set = "black" }},
 ] }}]
 camera = [{{ name = "cam1", driver = "twin" }}, {{ name = "cam2", driver = "twin" }}]
@@ -46,7 +52,7 @@ scene = {:?}
 
     /// The twin's rig, changed.
     fn write_rig(&self, name: &str, change: impl FnOnce(&mut Rig)) {
-        let mut rig = twin::thesis::rig(SIZE_PX.0, SIZE_PX.1);
+        let mut rig = twin::thesis::rig(self.size_px.0, self.size_px.1);
         change(&mut rig);
         write_rig(self.path(name).as_ref(), &rig, &toml::Table::new(), None).unwrap();
     }
@@ -98,6 +104,58 @@ fn a_knocked_camera_is_told_from_a_healthy_rig_and_the_trend_keeps_it() {
     let broken = lit.check("rig.toml", &keep);
     assert_eq!(broken.code, Some(2));
     assert!(broken.stderr.contains("trend.txt:1: the seal does not fit"), "{}", broken.stderr);
+}
+
+#[test]
+fn a_knocked_camera_is_mended_from_several_recordings_that_are_no_copies() {
+    // Smaller pictures leave lengths open.
+    let lit = Lit::of((1124, 750), 10);
+    let (rec, more, rig, out) =
+        (lit.path("rec"), lit.path("more"), lit.path("knocked.toml"), lit.path("mended.toml"));
+    let json = lit.path("mended.json");
+    fringetool(&["simulate", &lit.path("cell.toml"), "--cycle", "3", "--out", &more]).expect_success();
+    let turn_deg = 0.05;
+    lit.write_rig("knocked.toml", |rig| {
+        let camera = &mut rig.cameras[1].camera;
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(f64::to_radians(turn_deg), 0.0, 0.0);
+        camera.camera_from_world = turn * camera.camera_from_world;
+    });
+    let mended = ["correct-rig", &rec, &more, "--rig", &rig, "--out", &out];
+    let ran = fringetool(&[&mended[..], &["--json", &json]].concat()).expect_success();
+    assert!(ran.stdout.contains(&format!("{more}: pair1: drift")), "{}", ran.stdout);
+    let result: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(
+        (&result["model"], &result["recordings"]),
+        (&"rotation".into(), &serde_json::json!([rec, more]))
+    );
+    let found = |of: &str| result[of][0].as_f64().unwrap().to_degrees();
+    assert!(
+        (found("drift") + turn_deg).abs() < 4.0 * found("u_drift"),
+        "{} ± {}",
+        found("drift"),
+        found("u_drift")
+    );
+    let history = read_rig(out.as_ref()).unwrap().provenance;
+    assert_eq!(history["corrections"][0]["recordings_sha256"].as_array().map(Vec::len), Some(2));
+    // Both tell more than one.
+    let alone = lit.path("alone.json");
+    fringetool(&["correct-rig", &rec, "--rig", &rig, "--out", &out, "--json", &alone]).expect_success();
+    let single: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&alone).unwrap()).unwrap();
+    assert!(found("u_drift") < 0.9 * single["u_drift"][0].as_f64().unwrap().to_degrees(), "{single}");
+    // A copy under another name is no second measurement.
+    let copy = lit.path("copy");
+    assert!(std::process::Command::new("cp").args(["-r", &rec, &copy]).status().unwrap().success());
+    let plan = root().join("configs/complex-artefact.plan.toml").display().to_string();
+    let cases = [
+        (vec![rec.as_str(), copy.as_str()], vec![], "has the same frames as"),
+        (vec![&rec, &more, &copy], vec!["--length", &plan, "--length", &plan], "2 plans for 3 recordings"),
+    ];
+    for (recordings, options, expected) in cases {
+        let rest = ["--rig", &rig, "--out", &lit.path("never.toml")];
+        let ran = fringetool(&[&["correct-rig"][..], &recordings, &rest, &options].concat());
+        assert!(ran.code == Some(2) && ran.stderr.contains(expected), "{}", ran.stderr);
+        assert!(!Path::new(&lit.path("never.toml")).exists());
+    }
 }
 
 #[test]

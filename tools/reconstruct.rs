@@ -183,21 +183,45 @@ pub fn fused_cloud(
     method: Method,
     surface: &SurfaceSettings,
 ) -> Result<Vec<Point>> {
-    let pairs = match method {
-        Method::Phase => camera_pairs(recording, rig_file)?,
-        Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
-    };
-    let matching = MatchSettings { surface: *surface, ..MatchSettings::default() };
-    let task = Task {
-        rig: rig_file.clone(),
-        pairs,
-        settings: Settings { matching, ..Settings::default() },
-        phase: PhaseMethod::default(),
-        method: method.name(),
-        config_sha256: None,
-    };
-    let done = clouds(recording, &task, &Filters::default())?;
-    Ok(join(&done.pairs, &task.settings).0)
+    DecodedRecording::new(recording, rig_file, method, surface)?.cloud(rig_file)
+}
+
+/// A recording that was decoded once, for clouds with more than one state of its rig.
+pub struct DecodedRecording {
+    task: Task,
+    views: Vec<DecodedView>,
+}
+
+impl DecodedRecording {
+    /// Decodes what all pairs of the recording need.
+    pub fn new(
+        recording: &Recording,
+        rig_file: &RigFile,
+        method: Method,
+        surface: &SurfaceSettings,
+    ) -> Result<Self> {
+        let pairs = match method {
+            Method::Phase => camera_pairs(recording, rig_file)?,
+            Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
+        };
+        let matching = MatchSettings { surface: *surface, ..MatchSettings::default() };
+        let task = Task {
+            rig: rig_file.clone(),
+            pairs,
+            settings: Settings { matching, ..Settings::default() },
+            phase: PhaseMethod::default(),
+            method: method.name(),
+            config_sha256: None,
+        };
+        let views = decode(recording, &task)?;
+        Ok(Self { task, views })
+    }
+
+    /// The fused cloud of all pairs with the rig in a state.
+    pub fn cloud(&self, rig_file: &RigFile) -> Result<Vec<Point>> {
+        let pairs = match_pairs(&self.task, rig_file, &self.views)?;
+        Ok(join(&pairs, &self.task.settings).0)
+    }
 }
 
 /// What became of the frames.
@@ -209,6 +233,14 @@ struct Done {
 
 /// Decodes what the pairs need, filters, and gives the cloud of each.
 fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done> {
+    let mut views = decode(recording, task)?;
+    let filtered = filters.apply(&mut views)?;
+    let pairs = match_pairs(task, &task.rig, &views)?;
+    Ok(Done { views, filtered, pairs })
+}
+
+/// Decodes what the pairs need.
+fn decode(recording: &Recording, task: &Task) -> Result<Vec<DecodedView>> {
     let lit = |projector: &str, camera: &str| {
         task.pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
@@ -219,11 +251,14 @@ fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done>
         method: task.phase,
         keep_diagnosis: false,
     };
-    let mut views = decode_views_by(recording, &how, lit)?;
-    let filtered = filters.apply(&mut views)?;
+    decode_views_by(recording, &how, lit)
+}
+
+/// The cloud of each pair.
+fn match_pairs(task: &Task, rig: &RigFile, views: &[DecodedView]) -> Result<Vec<PairCloud>> {
     let match_pair = |(index, pair): (usize, &Pair)| {
-        let mut matcher = PairMatcher::new(&task.rig.rig, pair, index, &task.settings.matching)
-            .with_context(|| task.rig.path.display().to_string())?;
+        let mut matcher = PairMatcher::new(&rig.rig, pair, index, &task.settings.matching)
+            .with_context(|| rig.path.display().to_string())?;
         let view = |camera: &str| {
             let of = |view: &&DecodedView| view.projector == pair.projector && view.camera == camera;
             let maps = views.iter().find(of).into_iter().flat_map(|view| &view.maps);
@@ -231,13 +266,12 @@ fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done>
         };
         let matched = matcher.cloud(&view(&pair.left), &view(&pair.right));
         let (points, report) =
-            matched.with_context(|| format!("{}: pair \"{}\"", task.rig.path.display(), pair.name))?;
+            matched.with_context(|| format!("{}: pair \"{}\"", rig.path.display(), pair.name))?;
         let mut cloud = PairCloud { pair: pair.clone(), points, report, classes: Vec::new() };
-        cloud.classes = why::classes(matcher.causes(), &why::left_maps(&views, &cloud));
+        cloud.classes = why::classes(matcher.causes(), &why::left_maps(views, &cloud));
         Ok(cloud)
     };
-    let pairs = task.pairs.iter().enumerate().map(match_pair).collect::<Result<_>>()?;
-    Ok(Done { views, filtered, pairs })
+    task.pairs.iter().enumerate().map(match_pair).collect()
 }
 
 fn join(clouds: &[PairCloud], settings: &Settings) -> (Vec<Point>, FusionReport) {

@@ -1,28 +1,32 @@
 //! `fringetool correct-rig`: mends a rig of which one view has drifted, from fringes on any object.
 
 mod length;
+mod shown;
 mod write;
 
 use crate::Outcome;
-use crate::check_rig::{Examined, PairCheck, examine, pair_covariance, suspects};
+use crate::check_rig::pair_covariance;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
-    Choice, HealthSettings, Match, PairCovariance, Partner, ViewCorrection, ViewCovariance, check_pair,
-    estimate_view,
+    Choice, HealthSettings, LengthReading, PairCovariance, Partner, ViewCorrection, ViewCovariance,
+    check_pair, estimate_view,
 };
 use files::provenance::Provenance;
-use files::recording::{RECORDING_FILE, Recording};
+use files::recording::RECORDING_FILE;
 use files::rig_file::{Covariance, RigFile, read_rig};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
+use shown::{Link, Shown};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder of the recording (docs/formats.md): any object with smooth faces, lit with fringes along both axes.
-    recording: PathBuf,
+    /// Folders of recordings (docs/formats.md): any object with smooth faces, lit with fringes along both axes. Several, with the object
+    /// tilted between them, tell a shift from a turn or a change of the focal length.
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
     /// Rig file to correct (TOML, docs/formats.md); it stays as it is.
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
@@ -32,10 +36,10 @@ pub struct Args {
     /// The view that drifted; default: the one that all unhealthy pairs have in common.
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Inspection plan of a length standard in the same recording, whose distances of centres are certified: needed where the residuals
-    /// leave lengths open.
+    /// Inspection plan of a length standard in the recordings, whose distances of centres are certified: needed where the residuals
+    /// leave lengths open. One for all recordings, or one for each in their order.
     #[arg(long, value_name = "PLAN")]
-    length: Option<PathBuf>,
+    length: Vec<PathBuf>,
     /// Probability that a healthy pair is reported as unhealthy.
     #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm)]
     false_alarm: f64,
@@ -47,18 +51,15 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// A pair of the view to correct: its partner, and the matches with the view on the right.
-struct Link {
-    check: PairCheck,
-    partner: String,
-    matches: Vec<Match>,
-}
-
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let recording_file = args.recording.join(RECORDING_FILE);
-    let inputs: Vec<_> =
-        [&args.rig, &recording_file].into_iter().chain(&args.length).map(PathBuf::as_path).collect();
+    let recording_files: Vec<PathBuf> =
+        args.recordings.iter().map(|folder| folder.join(RECORDING_FILE)).collect();
+    let inputs: Vec<_> = std::iter::once(&args.rig)
+        .chain(&recording_files)
+        .chain(&args.length)
+        .map(PathBuf::as_path)
+        .collect();
     check_outputs(&[("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())], &inputs, None)?;
     let settings = HealthSettings {
         false_alarm: args.false_alarm,
@@ -66,71 +67,33 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ..HealthSettings::default()
     };
     settings.check()?;
-    let recording = Recording::open(&args.recording)?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
-    let (checks, _) = examine(&recording, &rig_file, covariance.as_ref(), &settings)?;
+    let mut shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
-    if checks.iter().all(|(check, _)| check.health.healthy) {
+    if shown.iter().flat_map(|shown| &shown.checks).all(|(check, _)| check.health.healthy) {
         println!("nothing has drifted: no rig is written");
         emit_made_with(args.json.as_deref(), &write::json(args, None, &[]), provenance)?;
         return Ok(Outcome::Done);
     }
-    let view = drifted(args, &rig_file, &checks)?;
-    let links = links(&view, checks);
+    let view = shown::drifted(args, &rig_file, &shown)?;
+    let links = shown::links(&view, &mut shown);
     let judge =
         Judge { rig_file: &rig_file, covariance: covariance.as_ref(), settings: &settings, view: &view };
-    let found = judge.correct(args, &recording, &links)?;
+    let found = judge.correct(args, &shown, &links)?;
     let after = judge.health(&found.view.camera, &links)?;
-    write::write(args, &recording, &judge, &found)?;
-    let lines = write::report(&view, &found, &links, &after);
+    write::write(args, &shown, &judge, &found)?;
+    let lines = write::report(&view, &found, (&shown, &links), &after);
     for line in &lines {
         println!("{line}");
     }
     println!("{}", args.out.display());
-    emit_made_with(args.json.as_deref(), &write::json(args, Some((&view, &found)), &after), provenance)?;
+    emit_made_with(
+        args.json.as_deref(),
+        &write::json(args, Some((&view, &found, &links)), &after),
+        provenance,
+    )?;
     Ok(Outcome::Done)
-}
-
-/// The view that drifted, as named or as the pairs show it.
-fn drifted(args: &Args, rig_file: &RigFile, checks: &[Examined]) -> Result<String> {
-    let known = |name: &String| checks.iter().any(|(check, _)| check.left == *name || check.right == *name);
-    if let Some(name) = &args.view {
-        if known(name) {
-            return Ok(name.clone());
-        }
-        bail!("--view {name}: no pair of {} was recorded along both axes with it", rig_file.path.display());
-    }
-    match suspects(checks.iter().map(|(check, _)| check)).as_slice() {
-        [only] => Ok(only.clone()),
-        [] => bail!(
-            "{}: no single view is common to all unhealthy pairs: more than one has drifted; calibrate again",
-            rig_file.path.display()
-        ),
-        several => bail!(
-            "{}: {} may have drifted, and the pairs do not tell which; name one with --view, or record more pairs",
-            rig_file.path.display(),
-            several.join(" or ")
-        ),
-    }
-}
-
-/// The pairs of a view, all with the view on the right.
-fn links(view: &str, checks: Vec<Examined>) -> Vec<Link> {
-    let turned = |m: Match| Match { left: m.right, right: m.left, ..m };
-    let link = |(check, matches): Examined| {
-        if check.right == view {
-            return Some(Link { partner: check.left.clone(), check, matches });
-        }
-        let own = check.left == view;
-        // Both views see alike: the covariance of the place is taken for that in the other picture.
-        own.then(|| Link {
-            partner: check.right.clone(),
-            check,
-            matches: matches.into_iter().map(turned).collect(),
-        })
-    };
-    checks.into_iter().filter_map(link).collect()
 }
 
 /// What decides whether a corrected view is healthy.
@@ -148,6 +111,14 @@ fn camera<'r>(rig: &'r Rig, name: &str) -> Result<&'r Camera> {
         .with_context(|| format!("\"{name}\" is not in the rig file"))
 }
 
+/// The partners by name, each once.
+fn devices(links: &[Link]) -> Vec<&str> {
+    let mut names: Vec<&str> = links.iter().map(|link| link.partner.as_str()).collect();
+    names.sort_unstable();
+    names.dedup();
+    names
+}
+
 /// What was found of the view.
 pub struct Found {
     /// The model that was chosen.
@@ -157,6 +128,8 @@ pub struct Found {
     /// New length of the baseline to a measuring partner over the rig file's, with its standard uncertainty, where a length
     /// standard told it.
     pub baseline: Option<Baseline>,
+    /// Of each recording how many certified lengths were measured in it.
+    pub lengths: Vec<usize>,
 }
 
 /// Change of a baseline.
@@ -170,20 +143,23 @@ pub struct Baseline {
 
 impl Judge<'_> {
     /// The simplest correction that the residuals do not contradict, with the length standard where there is one.
-    fn correct(&self, args: &Args, recording: &Recording, links: &[Link]) -> Result<Found> {
+    fn correct(&self, args: &Args, shown: &[Shown], links: &[Link]) -> Result<Found> {
         let rig = &self.rig_file.rig;
         let (path, start) = (self.rig_file.path.display(), camera(rig, self.view)?);
+        let devices = devices(links);
         let partners: Vec<Partner> = links
             .iter()
             .map(|link| {
                 Ok(Partner {
                     fixed: camera(rig, &link.partner)?,
+                    device: devices.iter().position(|name| *name == link.partner).unwrap_or_default(),
                     matches: &link.matches,
                     measures: rig.pairs.iter().any(|pair| pair.name == link.check.name),
                 })
             })
             .collect::<Result<_>>()?;
-        let mut estimate = estimate_view(start, &partners, self.calibration(links).as_ref(), self.settings)?;
+        let mut estimate =
+            estimate_view(start, &partners, self.calibration(&devices).as_ref(), self.settings)?;
         if !self.health(&estimate.camera(), links)?.iter().all(|after| after.1) {
             bail!(
                 "{path}: no rotation, shift and focal length of \"{}\" explains the residuals: a lens changed, or more than one view \
@@ -191,10 +167,9 @@ impl Judge<'_> {
                 self.view
             );
         }
-        if let Some(plan) = &args.length {
-            let readings = length::readings(plan, recording, self, &estimate)?;
-            estimate = estimate.with_lengths(&readings);
-        }
+        let readings = length::readings(shown, self, &estimate)?;
+        let all: Vec<LengthReading> = readings.iter().flatten().copied().collect();
+        estimate = estimate.with_lengths(&all);
         let models = estimate.models();
         let view = match estimate.choose() {
             Some(Choice::Clear(view)) => *view,
@@ -206,8 +181,9 @@ impl Judge<'_> {
                 self.view
             ),
         };
-        let baseline = args.length.is_some().then(|| baseline(&view, start, &partners)).flatten();
-        Ok(Found { view, models, baseline })
+        let baseline = (!all.is_empty()).then(|| baseline(&view, start, &partners)).flatten();
+        let lengths = readings.iter().map(Vec::len).collect();
+        Ok(Found { view, models, baseline, lengths })
     }
 
     /// What to tell where the residuals leave lengths open.
@@ -216,11 +192,8 @@ impl Judge<'_> {
             .iter()
             .map(|model| format!("{} (χ² {:.1} of {:.1})", model.name(), model.chi2, model.limit))
             .collect();
-        let mut partners: Vec<&str> = links.iter().map(|link| link.partner.as_str()).collect();
-        partners.sort_unstable();
-        partners.dedup();
-        let remedy = if args.length.is_some() {
-            "show a longer or better known length standard, in several places, or calibrate again"
+        let remedy = if !args.length.is_empty() {
+            "record the length standard in more places, tilted by 30° between them, or a longer or better known one, or calibrate again"
         } else {
             "record a length standard and name its plan with --length"
         };
@@ -231,7 +204,7 @@ impl Judge<'_> {
             self.view,
             list.join(" or by "),
             apart * 1e5,
-            partners.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
+            devices(links).iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
         )
     }
 
@@ -240,11 +213,11 @@ impl Judge<'_> {
     }
 
     /// What the calibration leaves open of the partners, then of the view; views that it did not include count as exact.
-    fn calibration(&self, links: &[Link]) -> Option<ViewCovariance> {
+    fn calibration(&self, devices: &[&str]) -> Option<ViewCovariance> {
         let covariance = self.covariance?;
-        let devices = links.iter().map(|link| link.partner.as_str()).chain([self.view]).enumerate();
+        let all = devices.iter().copied().chain([self.view]).enumerate();
         let (blocks, names): (Vec<usize>, Vec<&str>) =
-            devices.filter(|(_, name)| covariance.devices.iter().any(|device| device == name)).unzip();
+            all.filter(|(_, name)| covariance.devices.iter().any(|device| device == name)).unzip();
         Some(ViewCovariance {
             blocks,
             names: covariance.parameters.clone(),

@@ -1,15 +1,15 @@
 //! The corrected rig file with its covariance and history, and what is printed of it.
 
-use super::{Args, Found, Judge, Link};
+use super::shown::{Link, Shown};
+use super::{Args, Found, Judge};
 use anyhow::{Context, Result};
 use characterise::calibration::PARAMETERS;
 use characterise::health::ViewCorrection;
-use files::recording::Recording;
 use files::rig_file::CovarianceRef;
 use serde_json::{Value, json};
 
 /// Writes the covariance, then the rig file that names it.
-pub fn write(args: &Args, recording: &Recording, judge: &Judge, found: &Found) -> Result<()> {
+pub fn write(args: &Args, shown: &[Shown], judge: &Judge, found: &Found) -> Result<()> {
     let Found { view: found, baseline, .. } = found;
     let rig = judge.rig_with(&found.camera);
     let reference = covariance(args, judge, found)?;
@@ -18,7 +18,11 @@ pub fn write(args: &Args, recording: &Recording, judge: &Judge, found: &Found) -
     entry.insert("date".into(), files::clock::rfc3339_now().into());
     entry.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
     entry.insert("from_rig_sha256".into(), judge.rig_file.sha256.clone().into());
-    entry.insert("recording_sha256".into(), recording.sha256.clone().into());
+    let recordings: Vec<&str> = shown.iter().map(|shown| shown.recording.sha256.as_str()).collect();
+    entry.insert("recording_sha256".into(), recordings.first().copied().unwrap_or_default().into());
+    if recordings.len() > 1 {
+        entry.insert("recordings_sha256".into(), recordings.into());
+    }
     entry.insert("view".into(), judge.view.to_owned().into());
     let numbers = |values: &[f64]| toml::Value::Array(values.iter().map(|value| (*value).into()).collect());
     let degrees: Vec<f64> = found.drift[..3].iter().map(|rad| rad.to_degrees()).collect();
@@ -62,8 +66,13 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
 }
 
 /// What was corrected, and what is left of the residuals of each pair.
-pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool, f64)]) -> Vec<String> {
-    let Found { view: found, models, baseline } = found;
+pub fn report(
+    view: &str,
+    found: &Found,
+    (shown, links): (&[Shown], &[Link]),
+    after: &[(String, bool, f64)],
+) -> Vec<String> {
+    let Found { view: found, models, baseline, lengths } = found;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
     let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
@@ -83,7 +92,7 @@ pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool,
     });
     lines.push(format!("models: {}", tried.collect::<Vec<_>>().join("; ")));
     lines.push(format!(
-        "lengths of 100 mm: u {:.2} µm in the object of the recording, up to {:.1} µm elsewhere in the volume, by the correction",
+        "lengths of 100 mm: u {:.2} µm in the objects of the recordings, up to {:.1} µm elsewhere in the volume, by the correction",
         found.u_length * 1e5,
         found.u_volume * 1e5
     ));
@@ -93,32 +102,42 @@ pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool,
             baseline.factor, baseline.u
         ));
     }
+    for (shown, lengths) in shown.iter().zip(lengths).filter(|(shown, _)| shown.plan.is_some()) {
+        lines.push(format!("{}: {lengths} certified lengths measured", shown.recording.folder.display()));
+    }
     for (link, (name, _, rms_px)) in links.iter().zip(after) {
         let before = link.check.health.drift.rms_px;
-        lines.push(format!("{name}: drift {before:.4} px rms before, {rms_px:.4} px after"));
+        let place = match shown {
+            [_] => String::new(),
+            _ => format!("{}: ", shown[link.recording].recording.folder.display()),
+        };
+        lines.push(format!("{place}{name}: drift {before:.4} px rms before, {rms_px:.4} px after"));
     }
     lines
 }
 
 /// Keys that other programs rely on.
-pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[(String, bool, f64)]) -> Value {
+pub fn json(args: &Args, found: Option<(&str, &Found, &[Link])>, after: &[(String, bool, f64)]) -> Value {
     json!({
-        "recording": args.recording,
+        "recording": args.recordings.first(),
+        "recordings": args.recordings,
         "rig": args.rig,
         "corrected": found.is_some(),
         "out": found.map(|_| &args.out),
-        "view": found.map(|(view, _)| view),
-        "model": found.map(|(_, found)| found.view.name()),
-        "models": found.map(|(_, found)| found.models.iter().map(|model| json!({
+        "view": found.map(|(view, ..)| view),
+        "model": found.map(|(_, found, _)| found.view.name()),
+        "models": found.map(|(_, found, _)| found.models.iter().map(|model| json!({
             "name": model.name(), "chi2": model.chi2, "limit": model.limit, "possible": model.is_possible(),
         })).collect::<Vec<_>>()),
-        "u_length": found.map(|(_, found)| found.view.u_length),
-        "u_volume": found.map(|(_, found)| found.view.u_volume),
-        "drift": found.map(|(_, found)| found.view.drift),
-        "u_drift": found.map(|(_, found)| found.view.u()),
-        "baseline": found.and_then(|(_, found)| found.baseline),
-        "pairs": after.iter().map(|(name, healthy, rms_px)| json!({
+        "u_length": found.map(|(_, found, _)| found.view.u_length),
+        "u_volume": found.map(|(_, found, _)| found.view.u_volume),
+        "drift": found.map(|(_, found, _)| found.view.drift),
+        "u_drift": found.map(|(_, found, _)| found.view.u()),
+        "lengths": found.map(|(_, found, _)| &found.lengths),
+        "baseline": found.and_then(|(_, found, _)| found.baseline),
+        "pairs": after.iter().enumerate().map(|(k, (name, healthy, rms_px))| json!({
             "name": name, "healthy": healthy, "rms_px": rms_px,
+            "recording": found.map(|(.., links)| &args.recordings[links[k].recording]),
         })).collect::<Vec<_>>(),
     })
 }

@@ -1,33 +1,24 @@
 //! What correcting a drifted camera gives on the twin: drifts of a calibrated rig singly and together, with and without a length standard.
 
+mod recorded;
+
 use super::accuracy::Bench;
 use super::calibrated::Calibrated;
 use super::calibration::bars::{SPACING_MM, worst_spacing};
 use super::calibration::board::{Cell, Plan};
-use super::scan::{decode, views};
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
-use anyhow::{Context, Result};
-use cell::executor::PairMatcher;
-use characterise::health::{
-    Choice, HealthSettings, Match, Partner, check_pair, estimate_view, match_projector, match_views, stepped,
-};
+use anyhow::Result;
+use characterise::health::{Choice, HealthSettings, Partner, estimate_view, stepped};
 use fringe::geometry::camera::Camera;
-use fringe::matching::MatchSettings;
-use fringe::pattern::{Axis, PatternSet};
-use fringe::phase::{PhaseMap, PhaseView};
-use metrology::inspection::evaluate;
+use recorded::Recorded;
 use serde::Serialize;
 use std::path::PathBuf;
-use twin::{Twin, TwinSettings};
 
 /// The camera that drifts, and what sees the same places: the other camera of its pair, and both projectors.
 const VIEW: &str = "cam2";
 const PARTNERS: [&str; 3] = ["cam1", "proj1", "proj2"];
-/// The length standard: spheres of the part, certified to this, mm.
-const LENGTH: &str = "sphere_spacing";
-const U_LENGTH_MM: f64 = 0.0005;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -37,9 +28,12 @@ pub struct Args {
     /// Calibrations without any drift, of which none may be corrected.
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u64).range(0..=10_000))]
     undrifted: u64,
-    /// Placements of the part, each with its own noise.
+    /// Recordings that a correction rests on: the part as it lies, then tilted and shifted.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=9))]
+    recordings: u64,
+    /// Sets of recordings, each with its own noise.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
-    placements: u64,
+    sets: u64,
     /// Smooth systematic errors of the phase, rms in px.
     #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
     phase_error_px: f64,
@@ -108,28 +102,28 @@ pub fn run(args: &Args) -> Result<Outcome> {
     settings.check()?;
     let (bench, cell) = (Bench::demo()?, Cell::new(args.board.clone(), 1)?);
     let drifts = drifts();
-    let work = args.placements + args.undrifted + args.trials * drifts.len() as u64;
+    let work = args.sets * args.recordings + args.undrifted + args.trials * drifts.len() as u64;
     let mut progress = Progress::new(work as usize, "drifting");
-    let seen: Vec<Seen> = (0..args.placements)
-        .map(|cycle| {
-            let seen = Seen::new(&bench, &cell, cycle);
-            progress.step();
-            seen
-        })
+    let mut record = |set: u64, place: u64| {
+        progress.step();
+        Recorded::part(&bench, &cell, place as usize, set * args.recordings + place)
+    };
+    let sets: Vec<Vec<Recorded>> = (0..args.sets)
+        .map(|set| (0..args.recordings).map(|place| record(set, place)).collect())
         .collect::<Result<_>>()?;
     let trial = |seed: u64| {
-        Ok::<_, anyhow::Error>((Calibrated::new(&cell, seed)?, &seen[(seed % args.placements) as usize]))
+        Ok::<_, anyhow::Error>((Calibrated::new(&cell, seed)?, sets[(seed % args.sets) as usize].as_slice()))
     };
     let mut report = Report { undrifted: args.undrifted, corrected: 0, rows: Vec::new() };
     for seed in 0..args.undrifted {
-        let (calibrated, seen) = trial(seed)?;
-        report.corrected += u64::from(!seen.healthy(&calibrated, view(&calibrated), &settings)?);
+        let (calibrated, recorded) = trial(seed)?;
+        report.corrected += u64::from(!healthy(recorded, &calibrated, view(&calibrated), &settings)?);
         progress.step();
     }
     for seed in 0..args.trials {
-        let (calibrated, seen) = trial(seed)?;
+        let (calibrated, recorded) = trial(seed)?;
         for (name, drift) in &drifts {
-            report.rows.push(row((name, drift), seed, &calibrated, seen, &bench, &settings)?);
+            report.rows.push(row((name, drift), seed, &calibrated, recorded, &settings)?);
             progress.step();
         }
     }
@@ -150,76 +144,26 @@ fn worst_mm(calibrated: &Calibrated, view: &Camera) -> f64 {
     worst_spacing([&calibrated.rig.cameras[0].camera, view], [left, right])
 }
 
-/// What the cameras see of one placement of the part, along both axes.
-struct Seen {
-    maps: [Vec<PhaseMap>; 2],
-    /// Matches with each partner, the view on the right.
-    matches: [Vec<Match>; PARTNERS.len()],
-}
-
-impl Seen {
-    fn new(bench: &Bench, cell: &Cell, cycle: u64) -> Result<Self> {
-        let twin = Twin::new(&bench.scene, TwinSettings::default(), &cell.rig)?;
-        let maps =
-            |camera: &str, projector: &str| decode(&twin, camera, projector, &cell.rig, &sequence(), cycle);
-        let [one, two, other] = [maps("cam1", "proj1")?, maps(VIEW, "proj1")?, maps(VIEW, "proj2")?];
-        let ([lx, ly], [rx, ry]) = (both(&one)?, both(&two)?);
-        let projected = |maps: &[PhaseMap]| {
-            let [x, y] = both(maps)?;
-            let turned = |m: &Match| Match { left: m.right, right: m.left, ..*m };
-            Ok::<_, anyhow::Error>(match_projector([&x, &y])?.matches.iter().map(turned).collect())
-        };
-        let matches = [match_views([&lx, &ly], [&rx, &ry])?.matches, projected(&two)?, projected(&other)?];
-        Ok(Self { maps: [one, two], matches })
-    }
-
-    /// Whether all pairs of the view are healthy with it in a state.
-    fn healthy(&self, calibrated: &Calibrated, view: &Camera, settings: &HealthSettings) -> Result<bool> {
-        for (name, matches) in PARTNERS.iter().zip(&self.matches) {
-            let covariance = calibrated.covariance(name, VIEW)?;
-            if !check_pair(calibrated.device(name)?, view, matches, Some(&covariance), settings)?.healthy {
-                return Ok(false);
-            }
+/// Whether all pairs of the view are healthy with it in a state, in every recording.
+fn healthy(
+    recorded: &[Recorded],
+    calibrated: &Calibrated,
+    view: &Camera,
+    settings: &HealthSettings,
+) -> Result<bool> {
+    for recorded in recorded {
+        if !recorded.healthy(calibrated, view, settings)? {
+            return Ok(false);
         }
-        Ok(true)
     }
-
-    /// The length standard as the pair measures it with the view in a state, with its uncertainty, mm.
-    fn length(&self, calibrated: &Calibrated, bench: &Bench, view: &Camera) -> Result<Option<(f64, f64)>> {
-        let mut rig = calibrated.rig.clone();
-        rig.cameras[1].camera = view.clone();
-        let mut matcher = PairMatcher::new(&rig, &rig.pairs[0], 0, &MatchSettings::default())?;
-        let cloud = matcher.cloud(&views(&self.maps[0]), &views(&self.maps[1]))?.0;
-        let result = evaluate(&bench.plan, &cloud);
-        let feature = result.features.iter().find(|feature| feature.name == LENGTH);
-        Ok(feature.and_then(|feature| Some((feature.value?, feature.u?.hypot(U_LENGTH_MM)))))
-    }
-}
-
-/// The maps of columns and rows.
-fn both(maps: &[PhaseMap]) -> Result<[PhaseView<'_>; 2]> {
-    let along = |axis| maps.iter().find(|map| map.info.axis == axis).map(PhaseMap::view);
-    Ok([along(Axis::X).context("columns were decoded")?, along(Axis::Y).context("rows were decoded")?])
-}
-
-/// Fringes along both axes, as `configs/calibration.toml` has them.
-fn sequence() -> Vec<PatternSet> {
-    vec![
-        PatternSet::sine(Axis::X, 16.0, 10),
-        PatternSet::gray(Axis::X, 7, 8.0),
-        PatternSet::sine(Axis::Y, 18.0, 10),
-        PatternSet::gray(Axis::Y, 7, 9.0),
-        PatternSet::White {},
-        PatternSet::Black {},
-    ]
+    Ok(true)
 }
 
 fn row(
     (name, drift): (&'static str, &[f64; 7]),
     seed: u64,
     calibrated: &Calibrated,
-    seen: &Seen,
-    bench: &Bench,
+    recorded: &[Recorded],
     settings: &HealthSettings,
 ) -> Result<Row> {
     // The camera drifted by this after its calibration, so that the file lacks it.
@@ -237,24 +181,18 @@ fn row(
         without: ending("not seen", Some(&file)),
         with: ending("not seen", Some(&file)),
     };
-    if seen.healthy(calibrated, &file, settings)? {
+    if healthy(recorded, calibrated, &file, settings)? {
         return Ok(row);
     }
-    let partners: Vec<Partner> = (0..PARTNERS.len())
-        .map(|i| {
-            Ok(Partner {
-                fixed: calibrated.device(PARTNERS[i])?,
-                matches: &seen.matches[i],
-                measures: i == 0,
-            })
-        })
-        .collect::<Result<_>>()?;
-    let estimate = estimate_view(
-        &file,
-        &partners,
-        Some(&calibrated.joint(&[PARTNERS.as_slice(), &[VIEW]].concat())?),
-        settings,
-    )?;
+    let partners: Vec<Partner> = recorded
+        .iter()
+        .map(|recorded| recorded.partners(calibrated))
+        .collect::<Result<Vec<_>>>()?
+        .into_iter()
+        .flatten()
+        .collect();
+    let calibration = calibrated.joint(&[PARTNERS.as_slice(), &[VIEW]].concat())?;
+    let estimate = estimate_view(&file, &partners, Some(&calibration), settings)?;
     let ended = |choice: Option<Choice>| match choice {
         Some(Choice::Clear(view)) => {
             let u_mm = Some(view.u_volume * SPACING_MM);
@@ -267,10 +205,10 @@ fn row(
         None => ending("contradicted", None),
     };
     row.without = ended(estimate.choose());
-    let nominal =
-        bench.scene.truth().get(LENGTH).map(|truth| truth.value).context("the part has a spacing")?;
-    let readings = estimate
-        .readings(&[nominal], |view| Ok::<_, anyhow::Error>(vec![seen.length(calibrated, bench, view)?]))?;
+    let certified: Vec<f64> = recorded.iter().map(Recorded::certified_mm).collect();
+    let readings = estimate.readings(&certified, |view| {
+        recorded.iter().map(|recorded| recorded.length(calibrated, view)).collect::<Result<Vec<_>>>()
+    })?;
     row.with = ended(estimate.with_lengths(&readings).choose());
     Ok(row)
 }

@@ -23,7 +23,7 @@ const LEAST_VARIANCE: f64 = 1e-12;
 /// Covariance of the calibration of a view and its partners.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewCovariance {
-    /// Whose parameters the blocks are: the number of a partner, or the number of partners for the view itself. Others count as exact.
+    /// Whose parameters the blocks are: the number of a partner's device, or the number of devices for the view itself. Others count as exact.
     pub blocks: Vec<usize>,
     /// Names of the parameters of each block, as in [`PARAMETERS`]; any subset in any order.
     pub names: Vec<String>,
@@ -31,7 +31,7 @@ pub struct ViewCovariance {
     pub matrix: Vec<f64>,
 }
 
-/// The root L of a covariance, over the parameters of all partners, then of the view.
+/// The root L of a covariance, over the parameters of all partners' devices, then of the view.
 pub(super) struct Root {
     /// Lᵀ: a direction of unit variance in each row.
     transposed: Dense,
@@ -39,8 +39,8 @@ pub(super) struct Root {
 
 impl Root {
     /// Of a calibration; `None` knows everything exactly.
-    pub fn new(covariance: Option<&ViewCovariance>, partners: usize) -> Result<Self, HealthError> {
-        let size = (partners + 1) * COUNT;
+    pub fn new(covariance: Option<&ViewCovariance>, devices: usize) -> Result<Self, HealthError> {
+        let size = (devices + 1) * COUNT;
         let Some(covariance) = covariance else { return Ok(Self { transposed: Dense::zeros(0, size) }) };
         let mut places = Vec::new();
         for block in &covariance.blocks {
@@ -84,9 +84,9 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    /// Sums over nothing, for a number of partners.
-    pub fn new(partners: usize) -> Self {
-        let size = (partners + 1) * COUNT;
+    /// Sums over nothing, for a number of devices.
+    pub fn new(devices: usize) -> Self {
+        let size = (devices + 1) * COUNT;
         Self {
             drift: Dense::zeros(UNKNOWNS, UNKNOWNS),
             cross: Dense::zeros(UNKNOWNS, size),
@@ -97,9 +97,9 @@ impl Sums {
     }
 
     /// Adds the residuals of a partner, all of one weight.
-    pub fn add(&mut self, partner: usize, kept: &[&Row], weight: f64) {
+    pub fn add(&mut self, device: usize, kept: &[&Row], weight: f64) {
         let view = self.errors_right.len() - COUNT;
-        let place = |k: usize| if k < COUNT { partner * COUNT + k } else { view + k - COUNT };
+        let place = |k: usize| if k < COUNT { device * COUNT + k } else { view + k - COUNT };
         for row in kept {
             for (i, a) in row.cause.iter().enumerate() {
                 self.drift_right[i] += weight * a * row.error;

@@ -125,8 +125,9 @@ impl ViewEstimate {
 
     /// The simplest model that is not contradicted, or those that lengths must tell apart; `None` where all are contradicted.
     pub fn choose(&self) -> Option<Choice> {
+        let models = self.models();
         let possible: Vec<ViewCorrection> =
-            self.models().into_iter().filter(ViewCorrection::is_possible).collect();
+            models.iter().filter(|model| model.is_possible()).cloned().collect();
         let size = possible.iter().map(ViewCorrection::size).min()?;
         let mut alike: Vec<ViewCorrection> = possible.iter().filter(|m| m.size() == size).cloned().collect();
         alike.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
@@ -142,17 +143,18 @@ impl ViewEstimate {
         Some(if apart > KNOWN_LENGTH {
             Choice::LengthsOpen { models: alike, apart }
         } else {
-            Choice::Clear(Box::new(self.with_doubt(&best, &possible)))
+            Choice::Clear(Box::new(self.with_doubt(&best, &models)))
         })
     }
 
-    /// A model with the others' distance from it in its uncertainty, each with its share of the evidence.
-    fn with_doubt(&self, best: &ViewCorrection, possible: &[ViewCorrection]) -> ViewCorrection {
-        let most = possible.iter().map(|m| m.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+    /// A model with the others' distance from it in its uncertainty, each with its share of the evidence: one true model in twenty is contradicted
+    /// by chance, so that those count as well.
+    fn with_doubt(&self, best: &ViewCorrection, models: &[ViewCorrection]) -> ViewCorrection {
+        let most = models.iter().map(|m| m.log_evidence).fold(f64::NEG_INFINITY, f64::max);
         let evidence = |model: &ViewCorrection| exp(model.log_evidence - most);
-        let sum: f64 = possible.iter().map(evidence).sum();
+        let sum: f64 = models.iter().map(evidence).sum();
         let mut covariance = best.covariance;
-        for model in possible {
+        for model in models {
             let (share, difference) = (evidence(model) / sum, difference(model, best));
             for (row, a) in covariance.iter_mut().zip(difference) {
                 row.iter_mut().zip(difference).for_each(|(c, b)| *c += share * a * b);

@@ -74,14 +74,15 @@ pub fn estimate_view(
     let factor =
         |p: &Partner| Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0));
     let factors: Vec<f64> = partners.iter().map(factor).collect::<Result<_, HealthError>>()?;
-    let root = Root::new(calibration, partners.len())?;
+    let devices = partners.iter().map(|partner| partner.device + 1).max().unwrap_or(0);
+    let root = Root::new(calibration, devices)?;
     let mut drift = [0.0; UNKNOWNS];
     let mut weight = Dense::zeros(UNKNOWNS, UNKNOWNS);
     for _ in 0..ROUNDS {
         let now = stepped(view, &drift);
-        let mut sums = Sums::new(partners.len());
-        for (index, (partner, factor)) in partners.iter().zip(&factors).enumerate() {
-            add_partner(&mut sums, (index, partner), &now, *factor, settings)?;
+        let mut sums = Sums::new(devices);
+        for (partner, factor) in partners.iter().zip(&factors) {
+            add_partner(&mut sums, partner, &now, *factor, settings)?;
         }
         let (information, mut right) = sums.without_errors(&root)?;
         weight = information;
@@ -166,7 +167,7 @@ impl ViewEstimate {
 /// Adds the residuals of a partner with the view in a state.
 fn add_partner(
     sums: &mut Sums,
-    (index, partner): (usize, &Partner),
+    partner: &Partner,
     view: &Camera,
     correlation: f64,
     settings: &HealthSettings,
@@ -176,9 +177,11 @@ fn add_partner(
     let kept: Vec<&Row> = rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
     let sharpness: f64 = kept.iter().map(|row| row.sigma_px.powi(-2)).sum();
     // Smooth errors of the phase leave a pattern too: where it is small, so are they.
-    let seen_px = PATTERN * Tiles::new(&kept, &fit).pattern_px();
-    let error_px = settings.phase_error_px.min(seen_px.max(LEAST_ERROR_PX));
+    let tiles = Tiles::new(&kept, &fit);
+    let seen_px = tiles.shows_pattern().then(|| PATTERN * tiles.pattern_px());
+    let error_px =
+        settings.phase_error_px.min(seen_px.map_or(f64::INFINITY, |seen| seen.max(LEAST_ERROR_PX)));
     let phase = error_px.powi(2) * sharpness / fit.directions.len() as f64;
-    sums.add(index, &kept, 1.0 / (correlation + phase));
+    sums.add(partner.device, &kept, 1.0 / (correlation + phase));
     Ok(())
 }

@@ -8,11 +8,13 @@ use fringe::geometry::camera::Camera;
 /// Unknowns: rotations, shifts, focal length, as in [`CAUSES`].
 pub(super) const UNKNOWNS: usize = CAUSES.len();
 
-/// A view that did not drift, and the places that it shares with the one that did.
+/// A view that did not drift, and the places that it shares with the one that did, in one recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Partner<'a> {
     /// The view that counts.
     pub fixed: &'a Camera,
+    /// Its number, from 0 without gaps: what several recordings or pairs show of one view has the same.
+    pub device: usize,
     /// Matches with the partner on the left and the corrected view on the right.
     pub matches: &'a [Match],
     /// Whether the rig measures lengths with this pair.

@@ -211,8 +211,11 @@ fn what_tells_nothing_is_refused() {
 
 /// A view with its partners as the tests see them.
 fn estimate(view: &Camera, pairs: &[(&Camera, Vec<Match>)]) -> ViewEstimate {
-    let partners: Vec<Partner> =
-        pairs.iter().map(|(fixed, matches)| Partner { fixed, matches, measures: true }).collect();
+    let partners: Vec<Partner> = pairs
+        .iter()
+        .enumerate()
+        .map(|(device, (fixed, matches))| Partner { fixed, device, matches, measures: true })
+        .collect();
     estimate_view(view, &partners, None, &EXACT_PHASE).unwrap()
 }
 
@@ -297,6 +300,7 @@ fn errors_of_the_calibration_are_no_drift_and_lengths_hold_all_over_the_volume()
         wrong.camera_from_world.translation.vector.z += noise.gauss() * sd[1];
         let partners = [(&left, &seen[0]), (&wrong, &seen[1])].map(|(fixed, matches)| Partner {
             fixed,
+            device: usize::from(fixed != &left),
             matches,
             measures: fixed == &left,
         });

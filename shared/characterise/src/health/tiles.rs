@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 /// Means over fewer residuals are mostly noise.
 const LEAST_IN_TILE: f64 = 8.0;
+/// Of fewer tiles for each unknown a fit takes a smooth pattern for a drift, and leaves nothing of it: two spheres, for example.
+const TILES_PER_UNKNOWN: usize = 10;
 
 /// Sums over one tile.
 #[derive(Default)]
@@ -27,6 +29,8 @@ pub(super) struct Tiles {
     pub correlation: f64,
     /// Mean squares of the tiles' means, their noise taken out, px²; may be negative.
     pattern_px2: f64,
+    /// Tiles whose means tell something.
+    count: usize,
 }
 
 impl Tiles {
@@ -51,7 +55,13 @@ impl Tiles {
         let freedom = tiles.len() as f64 / (tiles.len() as f64 - UNKNOWNS as f64).max(1.0);
         let correlation =
             freedom * fit.directions.iter().map(ratio).sum::<f64>() / fit.directions.len() as f64;
-        Self { correlation, pattern_px2: pattern_px2(tiles.values()) }
+        let count = tiles.values().filter(|tile| tile.count >= LEAST_IN_TILE).count();
+        Self { correlation, pattern_px2: pattern_px2(tiles.values()), count }
+    }
+
+    /// Whether the fit leaves a pattern, if there is one.
+    pub fn shows_pattern(&self) -> bool {
+        self.count >= TILES_PER_UNKNOWN * UNKNOWNS
     }
 
     /// Root mean square of the smooth pattern, px; 0 where noise explains the means.

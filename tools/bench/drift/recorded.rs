@@ -1,0 +1,132 @@
+//! What the cameras see of the part, which has a length standard, along both axes.
+
+use super::super::accuracy::Bench;
+use super::super::calibrated::Calibrated;
+use super::super::calibration::board::{Cell, moved};
+use super::super::scan::{decode, views};
+use super::{PARTNERS, VIEW};
+use anyhow::{Context, Result};
+use cell::executor::PairMatcher;
+use characterise::health::{HealthSettings, Match, Partner, check_pair, match_projector, match_views};
+use fringe::geometry::camera::Camera;
+use fringe::matching::MatchSettings;
+use fringe::pattern::{Axis, PatternSet};
+use fringe::phase::{PhaseMap, PhaseView};
+use metrology::inspection::{Plan, evaluate};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use twin::{Twin, TwinSettings};
+
+/// The length standard: spheres of the part, certified.
+const LENGTH: &str = "sphere_spacing";
+/// Standard uncertainty of a certified length, mm.
+const U_LENGTH_MM: f64 = 0.0005;
+/// Places of the part, one for each recording of a correction: turns about x, y, z (°), shifts (mm).
+pub const PLACES: [([f64; 3], [f64; 3]); 9] = [
+    ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ([30.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ([0.0, 30.0, 0.0], [0.0, 0.0, 0.0]),
+    ([-30.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ([0.0, -30.0, 0.0], [0.0, 0.0, 0.0]),
+    ([20.0, 20.0, 0.0], [0.0, 0.0, 25.0]),
+    ([-20.0, -20.0, 0.0], [0.0, 0.0, -25.0]),
+    ([20.0, -20.0, 0.0], [20.0, 0.0, -25.0]),
+    ([-20.0, 20.0, 0.0], [0.0, 20.0, 25.0]),
+];
+
+/// One recording of the part, along both axes.
+pub struct Recorded {
+    maps: [Vec<PhaseMap>; 2],
+    /// Matches with each partner, the view on the right.
+    matches: [Vec<Match>; PARTNERS.len()],
+    /// Inspection of the length standard.
+    plan: Plan,
+    /// Its length, mm.
+    certified_mm: f64,
+    world_from_part: Isometry3<f64>,
+}
+
+impl Recorded {
+    /// The demo's part in one of its places, with noise of its own.
+    pub fn part(bench: &Bench, cell: &Cell, place: usize, cycle: u64) -> Result<Self> {
+        let (turn_deg, shift_mm) = PLACES[place % PLACES.len()];
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));
+        let world_from_part = Isometry3::from_parts(Vector3::from(shift_mm).into(), turn);
+        let twin = Twin::new(&bench.scene, TwinSettings::default(), &moved(&cell.rig, &world_from_part))?;
+        let truth = bench.scene.truth().get(LENGTH).context("the part has a spacing")?;
+        let maps = |camera: &str, projector: &str| {
+            decode(&twin, camera, projector, &cell.rig, &sequence(), cycle)
+                .with_context(|| format!("{camera} under {projector}, place {place}, cycle {cycle}"))
+        };
+        let [one, two, other] = [maps("cam1", "proj1")?, maps(VIEW, "proj1")?, maps(VIEW, "proj2")?];
+        let ([lx, ly], [rx, ry]) = (both(&one)?, both(&two)?);
+        let projected = |maps: &[PhaseMap]| {
+            let [x, y] = both(maps)?;
+            let turned = |m: &Match| Match { left: m.right, right: m.left, ..*m };
+            Ok::<_, anyhow::Error>(match_projector([&x, &y])?.matches.iter().map(turned).collect())
+        };
+        let matches = [match_views([&lx, &ly], [&rx, &ry])?.matches, projected(&two)?, projected(&other)?];
+        Ok(Self {
+            maps: [one, two],
+            matches,
+            plan: bench.plan.clone(),
+            certified_mm: truth.value,
+            world_from_part,
+        })
+    }
+
+    /// Whether all pairs of the view are healthy with it in a state.
+    pub fn healthy(&self, calibrated: &Calibrated, view: &Camera, settings: &HealthSettings) -> Result<bool> {
+        for (name, matches) in PARTNERS.iter().zip(&self.matches) {
+            let covariance = calibrated.covariance(name, VIEW)?;
+            if !check_pair(calibrated.device(name)?, view, matches, Some(&covariance), settings)?.healthy {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The partners of the view with their matches; the rig measures with the first.
+    pub fn partners<'a>(&'a self, calibrated: &'a Calibrated) -> Result<Vec<Partner<'a>>> {
+        let one = |(i, name): (usize, &&str)| {
+            let fixed = calibrated.device(name)?;
+            Ok(Partner { fixed, device: i, matches: &self.matches[i], measures: i == 0 })
+        };
+        PARTNERS.iter().enumerate().map(one).collect()
+    }
+
+    /// Certified length, mm.
+    pub fn certified_mm(&self) -> f64 {
+        self.certified_mm
+    }
+
+    /// The length standard as the pair measures it with the view in a state, with its uncertainty, mm.
+    pub fn length(&self, calibrated: &Calibrated, view: &Camera) -> Result<Option<(f64, f64)>> {
+        let mut rig = calibrated.rig.clone();
+        rig.cameras[1].camera = view.clone();
+        // As seen from the part, where its plan lies.
+        let rig = moved(&rig, &self.world_from_part);
+        let mut matcher = PairMatcher::new(&rig, &rig.pairs[0], 0, &MatchSettings::default())?;
+        let cloud = matcher.cloud(&views(&self.maps[0]), &views(&self.maps[1]))?.0;
+        let result = evaluate(&self.plan, &cloud);
+        let feature = result.features.iter().find(|feature| feature.name == LENGTH);
+        Ok(feature.and_then(|feature| Some((feature.value?, feature.u?.hypot(U_LENGTH_MM)))))
+    }
+}
+
+/// The maps of columns and rows.
+fn both(maps: &[PhaseMap]) -> Result<[PhaseView<'_>; 2]> {
+    let along = |axis| maps.iter().find(|map| map.info.axis == axis).map(PhaseMap::view);
+    Ok([along(Axis::X).context("columns were decoded")?, along(Axis::Y).context("rows were decoded")?])
+}
+
+/// Fringes along both axes, as `configs/calibration.toml` has them.
+fn sequence() -> Vec<PatternSet> {
+    vec![
+        PatternSet::sine(Axis::X, 16.0, 10),
+        PatternSet::gray(Axis::X, 7, 8.0),
+        PatternSet::sine(Axis::Y, 18.0, 10),
+        PatternSet::gray(Axis::Y, 7, 9.0),
+        PatternSet::White {},
+        PatternSet::Black {},
+    ]
+}

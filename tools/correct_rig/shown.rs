@@ -1,0 +1,118 @@
+//! The recordings that a correction rests on, and the places that the drifted view shares with others in them.
+
+use super::Args;
+use crate::check_rig::{Examined, PairCheck, examine, suspects};
+use anyhow::{Result, bail};
+use characterise::health::{HealthSettings, Match};
+use files::recording::Recording;
+use files::rig_file::{Covariance, RigFile};
+use std::path::PathBuf;
+
+/// A recording with what was found in it.
+pub struct Shown {
+    /// Its frames.
+    pub recording: Recording,
+    /// Inspection plan of the length standard in it.
+    pub plan: Option<PathBuf>,
+    /// Every pair that it checks, with its matches.
+    pub checks: Vec<Examined>,
+}
+
+/// A pair of the view to correct in one recording: its partner, and the matches with the view on the right.
+pub struct Link {
+    /// Number of the recording.
+    pub recording: usize,
+    /// What its residuals say.
+    pub check: PairCheck,
+    /// The view that counts.
+    pub partner: String,
+    /// Places in both views.
+    pub matches: Vec<Match>,
+}
+
+/// Opens and checks all recordings.
+pub fn shown(
+    args: &Args,
+    rig_file: &RigFile,
+    covariance: Option<&Covariance>,
+    settings: &HealthSettings,
+) -> Result<Vec<Shown>> {
+    let (recordings, plans) = (args.recordings.len(), args.length.len());
+    if plans > 1 && plans != recordings {
+        bail!(
+            "--length: {plans} plans for {recordings} recordings; name one for all, or one for each in their order"
+        );
+    }
+    let mut all: Vec<Shown> = Vec::new();
+    for (index, folder) in args.recordings.iter().enumerate() {
+        let recording = Recording::open(folder)?;
+        let (checks, _) = examine(&recording, rig_file, covariance, settings)?;
+        // Noise never repeats, so that equal places are those of the same frames.
+        let copied = |shown: &&Shown| {
+            checks.iter().any(|(check, matches)| {
+                shown.checks.iter().any(|(other, theirs)| other.name == check.name && theirs == matches)
+            })
+        };
+        if let Some(same) = all.iter().find(copied) {
+            bail!(
+                "{}: has the same frames as {}; a recording counts once: record the object again in another place",
+                folder.display(),
+                same.recording.folder.display()
+            );
+        }
+        let plan = args.length.get(if plans > 1 { index } else { 0 }).cloned();
+        all.push(Shown { recording, plan, checks });
+    }
+    Ok(all)
+}
+
+/// The view that drifted, as named or as the pairs of all recordings show it.
+pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<String> {
+    let checks = || shown.iter().flat_map(|shown| &shown.checks).map(|(check, _)| check);
+    let known = |name: &String| checks().any(|check| check.left == *name || check.right == *name);
+    if let Some(name) = &args.view {
+        if known(name) {
+            return Ok(name.clone());
+        }
+        bail!("--view {name}: no pair of {} was recorded along both axes with it", rig_file.path.display());
+    }
+    // What one recording shows of a pair another one may be too small to show.
+    let unhealthy = |name: &String| checks().any(|check| check.name == *name && !check.health.healthy);
+    match suspects(checks().filter(|check| !check.health.healthy || !unhealthy(&check.name))).as_slice() {
+        [only] => Ok(only.clone()),
+        [] => bail!(
+            "{}: no single view is common to all unhealthy pairs: more than one has drifted; calibrate again",
+            rig_file.path.display()
+        ),
+        several => bail!(
+            "{}: {} may have drifted, and the pairs do not tell which; name one with --view, or record more pairs",
+            rig_file.path.display(),
+            several.join(" or ")
+        ),
+    }
+}
+
+/// The pairs of a view in all recordings, with the view on the right.
+pub fn links(view: &str, shown: &mut [Shown]) -> Vec<Link> {
+    let mut links = Vec::new();
+    for (recording, shown) in shown.iter_mut().enumerate() {
+        let link = |examined: Examined| link(view, recording, examined);
+        links.extend(std::mem::take(&mut shown.checks).into_iter().filter_map(link));
+    }
+    links
+}
+
+fn link(view: &str, recording: usize, (check, matches): Examined) -> Option<Link> {
+    if check.right == view {
+        return Some(Link { recording, partner: check.left.clone(), check, matches });
+    }
+    let own = check.left == view;
+    // Both views see alike: the covariance of the place is taken for that in the other picture.
+    let turned = |m: Match| Match { left: m.right, right: m.left, ..m };
+    own.then(|| Link {
+        recording,
+        partner: check.right.clone(),
+        check,
+        matches: matches.into_iter().map(turned).collect(),
+    })
+}
