@@ -192,10 +192,10 @@ impl Judge<'_> {
             .iter()
             .map(|model| format!("{} (χ² {:.1} of {:.1})", model.name(), model.chi2, model.limit))
             .collect();
-        let remedy = if !args.length.is_empty() {
-            "record the length standard in more places, tilted by 30° between them, or a longer or better known one, or calibrate again"
-        } else {
+        let remedy = if args.length.is_empty() {
             "record a length standard and name its plan with --length"
+        } else {
+            "record the length standard in more places, tilted by 30° between them, or a longer or better known one, or calibrate again"
         };
         format!(
             "{}: \"{}\" drifted by {}, but the residuals leave lengths open by {:.1} µm in 100 mm: how far it went along the baseline to \

@@ -17,6 +17,9 @@ const APART: f64 = 0.4;
 /// Two frames are exchanged with which the frames agree by so much more, in whole frames, in the mean over the pixels.
 const EXCHANGED: f64 = 0.1;
 
+/// Nothing outside of the projector was lit by it: pixels there count so many times as disagreement, so that only specks may lie there.
+const OUTSIDE: f64 = 10.0;
+
 /// The fringe at which each region begins, where the frames tell.
 pub(super) fn begins(look: &CodeLook, strips: &[Strip]) -> Vec<Option<i32>> {
     let orders = (look.extent_px / look.period_px).ceil() as i32 + 1;
@@ -101,8 +104,7 @@ impl Strip {
         let first = (begin + 1) * CELLS as i32;
         for (cell, level) in self.level[frame].iter().enumerate() {
             let sign = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at));
-            // Nothing outside of the projector was lit by it.
-            let weight = sign.map_or(1.0, |sign| sign.abs());
+            let weight = sign.map_or(OUTSIDE, |sign| sign.abs());
             sum += self.seen[frame][cell] * sign.unwrap_or(&0.0) * level.clamp(-1.0, 1.0);
             all += self.count[cell] * weight;
         }
