@@ -24,7 +24,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 pub struct Args {
     /// Folders of recordings (docs/formats.md): any object with smooth faces, lit with fringes along both axes. Several, with the object
-    /// tilted between them, tell a shift from a turn or a change of the focal length.
+    /// tilted between them, distinguish a shift from a turn or a change of the focal length.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// Rig file to correct (TOML, docs/formats.md); it stays as it is.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 /// A recording with what was found in it.
 pub struct Shown {
-    /// Its frames.
+    /// The recording with its frames.
     pub recording: Recording,
     /// Inspection plan of the length standard in it.
     pub plan: Option<PathBuf>,

@@ -40,7 +40,7 @@ pub struct Recorded {
     matches: [Vec<Match>; PARTNERS.len()],
     /// Inspection of the length standard.
     plan: Plan,
-    /// Its length, mm.
+    /// Certified length of the standard, mm.
     certified_mm: f64,
     world_from_part: Isometry3<f64>,
 }
@@ -94,7 +94,7 @@ impl Recorded {
         PARTNERS.iter().enumerate().map(one).collect()
     }
 
-    /// Certified length, mm.
+    /// Certified length of the standard, mm.
     pub fn certified_mm(&self) -> f64 {
         self.certified_mm
     }
