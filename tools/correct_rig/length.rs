@@ -1,18 +1,21 @@
 //! Certified lengths in the recordings, as the view in the state of the estimate measures them.
 
-use super::Judge;
 use super::shown::Shown;
+use super::{Args, Judge};
 use crate::reconstruct::{DecodedRecording, Method, surface_settings};
 use anyhow::{Result, bail};
 use characterise::health::{LengthReading, ViewEstimate};
-use files::plan_file::read_plan;
 use files::rig_file::RigFile;
 use fringe::geometry::camera::Camera;
 use metrology::inspection::{Plan, Quantity, evaluate};
-use std::path::Path;
 
 /// Of each recording the certified distances of centres of its plan, less the measured ones, with their derivatives.
-pub fn readings(shown: &[Shown], judge: &Judge, estimate: &ViewEstimate) -> Result<Vec<Vec<LengthReading>>> {
+pub fn readings(
+    args: &Args,
+    shown: &[Shown],
+    judge: &Judge,
+    estimate: &ViewEstimate,
+) -> Result<Vec<Vec<LengthReading>>> {
     let found = shown
         .iter()
         .map(|shown| match &shown.plan {
@@ -20,7 +23,7 @@ pub fn readings(shown: &[Shown], judge: &Judge, estimate: &ViewEstimate) -> Resu
             None => Ok(Vec::new()),
         })
         .collect::<Result<Vec<_>>>()?;
-    if let Some(plan) = shown.iter().find_map(|shown| shown.plan.as_ref())
+    if let Some(path) = args.length.first()
         && found.iter().all(Vec::is_empty)
     {
         let folders: Vec<String> =
@@ -28,7 +31,7 @@ pub fn readings(shown: &[Shown], judge: &Judge, estimate: &ViewEstimate) -> Resu
         bail!(
             "{}: no distance of centres could be measured in {}: show the length standard to both views, or state its nominal place \
              more exactly",
-            plan.display(),
+            path.display(),
             folders.join(", ")
         );
     }
@@ -36,16 +39,15 @@ pub fn readings(shown: &[Shown], judge: &Judge, estimate: &ViewEstimate) -> Resu
 }
 
 fn readings_of(
-    plan_path: &Path,
+    plan: &Plan,
     shown: &Shown,
     judge: &Judge,
     estimate: &ViewEstimate,
 ) -> Result<Vec<LengthReading>> {
-    let (plan, _) = read_plan(plan_path)?;
     let certified: Vec<f64> = plan.features.iter().map(|feature| feature.nominal).collect();
     let decoded =
         DecodedRecording::new(&shown.recording, judge.rig_file, Method::Phase, &surface_settings(None))?;
-    estimate.readings(&certified, |view| lengths(&plan, &decoded, judge, view))
+    estimate.readings(&certified, |view| lengths(plan, &decoded, judge, view))
 }
 
 /// Of each feature its value and standard uncertainty, mm; `None` for what is no distance of centres, and what was not measured.

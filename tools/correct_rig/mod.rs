@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     settings.check()?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
-    let mut shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
+    let shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
     if shown.iter().flat_map(|shown| &shown.checks).all(|(check, _)| check.health.healthy) {
         println!("nothing has drifted: no rig is written");
@@ -77,22 +77,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     let view = shown::drifted(args, &rig_file, &shown)?;
-    let links = shown::links(&view, &mut shown);
+    let links = shown::links(&view, &shown);
     let judge =
         Judge { rig_file: &rig_file, covariance: covariance.as_ref(), settings: &settings, view: &view };
     let found = judge.correct(args, &shown, &links)?;
     let after = judge.health(&found.view.camera, &links)?;
     write::write(args, &shown, &judge, &found)?;
-    let lines = write::report(&view, &found, (&shown, &links), &after);
+    let lines = write::report(&view, &found, &shown, &after);
     for line in &lines {
         println!("{line}");
     }
     println!("{}", args.out.display());
-    emit_made_with(
-        args.json.as_deref(),
-        &write::json(args, Some((&view, &found, &links)), &after),
-        provenance,
-    )?;
+    emit_made_with(args.json.as_deref(), &write::json(args, Some((&view, &found)), &after), provenance)?;
     Ok(Outcome::Done)
 }
 
@@ -112,8 +108,8 @@ fn camera<'r>(rig: &'r Rig, name: &str) -> Result<&'r Camera> {
 }
 
 /// The partners by name, each once.
-fn devices(links: &[Link]) -> Vec<&str> {
-    let mut names: Vec<&str> = links.iter().map(|link| link.partner.as_str()).collect();
+fn devices<'a>(links: &[Link<'a>]) -> Vec<&'a str> {
+    let mut names: Vec<&str> = links.iter().map(|link| link.partner).collect();
     names.sort_unstable();
     names.dedup();
     names
@@ -130,6 +126,20 @@ pub struct Found {
     pub baseline: Option<Baseline>,
     /// Of each recording how many certified lengths were measured in it.
     pub lengths: Vec<usize>,
+}
+
+/// A pair of the view in one recording with the view in a new state.
+pub struct PairAfter {
+    /// Name of the pair.
+    pub name: String,
+    /// Number of the recording.
+    pub recording: usize,
+    /// Whether the pair is healthy.
+    pub healthy: bool,
+    /// Root mean square of the drift before, px.
+    pub before_px: f64,
+    /// The same that is left, px.
+    pub rms_px: f64,
 }
 
 /// Change of a baseline.
@@ -151,7 +161,7 @@ impl Judge<'_> {
             .iter()
             .map(|link| {
                 Ok(Partner {
-                    fixed: camera(rig, &link.partner)?,
+                    fixed: camera(rig, link.partner)?,
                     device: devices.iter().position(|name| *name == link.partner).unwrap_or_default(),
                     matches: &link.matches,
                     measures: rig.pairs.iter().any(|pair| pair.name == link.check.name),
@@ -160,16 +170,18 @@ impl Judge<'_> {
             .collect::<Result<_>>()?;
         let mut estimate =
             estimate_view(start, &partners, self.calibration(&devices).as_ref(), self.settings)?;
-        if !self.health(&estimate.camera(), links)?.iter().all(|after| after.1) {
+        if !self.health(&estimate.camera(), links)?.iter().all(|after| after.healthy) {
             bail!(
                 "{path}: no rotation, shift and focal length of \"{}\" explains the residuals: a lens changed, or more than one view \
                  drifted; calibrate again",
                 self.view
             );
         }
-        let readings = length::readings(shown, self, &estimate)?;
+        let readings = length::readings(args, shown, self, &estimate)?;
         let all: Vec<LengthReading> = readings.iter().flatten().copied().collect();
-        estimate = estimate.with_lengths(&all);
+        if !all.is_empty() {
+            estimate = estimate.with_lengths(&all);
+        }
         let models = estimate.models();
         let view = match estimate.choose() {
             Some(Choice::Clear(view)) => *view,
@@ -229,20 +241,26 @@ impl Judge<'_> {
     fn pair(&self, link: &Link) -> Pair {
         Pair {
             name: link.check.name.clone(),
-            left: link.partner.clone(),
+            left: link.partner.to_owned(),
             right: self.view.to_owned(),
             projector: link.check.projector.clone(),
         }
     }
 
-    /// Of each pair its name, whether it is healthy with the view in this state, and the rms of the drift left, px.
-    fn health(&self, view: &Camera, links: &[Link]) -> Result<Vec<(String, bool, f64)>> {
+    /// What each pair shows with the view in this state.
+    fn health(&self, view: &Camera, links: &[Link]) -> Result<Vec<PairAfter>> {
         let one = |link: &Link| {
             let pair = self.pair(link);
             let covariance = self.covariance_of(link);
-            let partner = camera(&self.rig_file.rig, &link.partner)?;
+            let partner = camera(&self.rig_file.rig, link.partner)?;
             let health = check_pair(partner, view, &link.matches, covariance.as_ref(), self.settings)?;
-            Ok((pair.name, health.healthy, health.drift.rms_px))
+            Ok(PairAfter {
+                name: pair.name,
+                recording: link.recording,
+                healthy: health.healthy,
+                before_px: link.check.health.drift.rms_px,
+                rms_px: health.drift.rms_px,
+            })
         };
         links.iter().map(one).collect()
     }

@@ -4,28 +4,29 @@ use super::Args;
 use crate::check_rig::{Examined, PairCheck, examine, suspects};
 use anyhow::{Result, bail};
 use characterise::health::{HealthSettings, Match};
+use files::plan_file::read_plan;
 use files::recording::Recording;
 use files::rig_file::{Covariance, RigFile};
-use std::path::PathBuf;
+use metrology::inspection::Plan;
 
 /// A recording with what was found in it.
 pub struct Shown {
     /// The recording with its frames.
     pub recording: Recording,
-    /// Inspection plan of the length standard in it.
-    pub plan: Option<PathBuf>,
+    /// Inspection of the length standard in it.
+    pub plan: Option<Plan>,
     /// Every pair that it checks, with its matches.
     pub checks: Vec<Examined>,
 }
 
 /// A pair of the view to correct in one recording: its partner, and the matches with the view on the right.
-pub struct Link {
+pub struct Link<'a> {
     /// Number of the recording.
     pub recording: usize,
     /// What its residuals say.
-    pub check: PairCheck,
+    pub check: &'a PairCheck,
     /// The view that counts.
-    pub partner: String,
+    pub partner: &'a str,
     /// Places in both views.
     pub matches: Vec<Match>,
 }
@@ -43,9 +44,12 @@ pub fn shown(
             "--length: {plans} plans for {recordings} recordings; name one for all, or one for each in their order"
         );
     }
+    // What cannot be read is said before the first frame is decoded.
+    let plans: Vec<Plan> = args.length.iter().map(|path| Ok(read_plan(path)?.0)).collect::<Result<_>>()?;
+    let recordings: Vec<Recording> =
+        args.recordings.iter().map(|folder| Ok(Recording::open(folder)?)).collect::<Result<_>>()?;
     let mut all: Vec<Shown> = Vec::new();
-    for (index, folder) in args.recordings.iter().enumerate() {
-        let recording = Recording::open(folder)?;
+    for (index, recording) in recordings.into_iter().enumerate() {
         let (checks, _) = examine(&recording, rig_file, covariance, settings)?;
         // Noise never repeats, so that equal places are those of the same frames.
         let copied = |shown: &&Shown| {
@@ -56,11 +60,11 @@ pub fn shown(
         if let Some(same) = all.iter().find(copied) {
             bail!(
                 "{}: has the same frames as {}; a recording counts once: record the object again in another place",
-                folder.display(),
+                recording.folder.display(),
                 same.recording.folder.display()
             );
         }
-        let plan = args.length.get(if plans > 1 { index } else { 0 }).cloned();
+        let plan = plans.get(if plans.len() > 1 { index } else { 0 }).cloned();
         all.push(Shown { recording, plan, checks });
     }
     Ok(all)
@@ -93,26 +97,15 @@ pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<Strin
 }
 
 /// The pairs of a view in all recordings, with the view on the right.
-pub fn links(view: &str, shown: &mut [Shown]) -> Vec<Link> {
-    let mut links = Vec::new();
-    for (recording, shown) in shown.iter_mut().enumerate() {
-        let link = |examined: Examined| link(view, recording, examined);
-        links.extend(std::mem::take(&mut shown.checks).into_iter().filter_map(link));
-    }
-    links
+pub fn links<'a>(view: &str, shown: &'a [Shown]) -> Vec<Link<'a>> {
+    let all = shown.iter().enumerate().flat_map(|(k, shown)| shown.checks.iter().map(move |one| (k, one)));
+    all.filter_map(|(recording, examined)| link(view, recording, examined)).collect()
 }
 
-fn link(view: &str, recording: usize, (check, matches): Examined) -> Option<Link> {
+fn link<'a>(view: &str, recording: usize, (check, matches): &'a Examined) -> Option<Link<'a>> {
     if check.right == view {
-        return Some(Link { recording, partner: check.left.clone(), check, matches });
+        return Some(Link { recording, check, partner: &check.left, matches: matches.clone() });
     }
-    let own = check.left == view;
-    // Both views see alike: the covariance of the place is taken for that in the other picture.
-    let turned = |m: Match| Match { left: m.right, right: m.left, ..m };
-    own.then(|| Link {
-        recording,
-        partner: check.right.clone(),
-        check,
-        matches: matches.into_iter().map(turned).collect(),
-    })
+    let turned = || matches.iter().copied().map(Match::turned).collect();
+    (check.left == view).then(|| Link { recording, check, partner: &check.right, matches: turned() })
 }

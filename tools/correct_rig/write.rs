@@ -1,7 +1,7 @@
 //! The corrected rig file with its covariance and history, and what is printed of it.
 
-use super::shown::{Link, Shown};
-use super::{Args, Found, Judge};
+use super::shown::Shown;
+use super::{Args, Found, Judge, PairAfter};
 use anyhow::{Context, Result};
 use characterise::calibration::PARAMETERS;
 use characterise::health::ViewCorrection;
@@ -66,12 +66,7 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
 }
 
 /// What was corrected, and what is left of the residuals of each pair.
-pub fn report(
-    view: &str,
-    found: &Found,
-    (shown, links): (&[Shown], &[Link]),
-    after: &[(String, bool, f64)],
-) -> Vec<String> {
+pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -> Vec<String> {
     let Found { view: found, models, baseline, lengths } = found;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
@@ -105,39 +100,38 @@ pub fn report(
     for (shown, lengths) in shown.iter().zip(lengths).filter(|(shown, _)| shown.plan.is_some()) {
         lines.push(format!("{}: {lengths} certified lengths measured", shown.recording.folder.display()));
     }
-    for (link, (name, _, rms_px)) in links.iter().zip(after) {
-        let before = link.check.health.drift.rms_px;
+    for PairAfter { name, recording, before_px, rms_px, .. } in after {
         let place = match shown {
             [_] => String::new(),
-            _ => format!("{}: ", shown[link.recording].recording.folder.display()),
+            _ => format!("{}: ", shown[*recording].recording.folder.display()),
         };
-        lines.push(format!("{place}{name}: drift {before:.4} px rms before, {rms_px:.4} px after"));
+        lines.push(format!("{place}{name}: drift {before_px:.4} px rms before, {rms_px:.4} px after"));
     }
     lines
 }
 
 /// Keys that other programs rely on.
-pub fn json(args: &Args, found: Option<(&str, &Found, &[Link])>, after: &[(String, bool, f64)]) -> Value {
+pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[PairAfter]) -> Value {
     json!({
         "recording": args.recordings.first(),
         "recordings": args.recordings,
         "rig": args.rig,
         "corrected": found.is_some(),
         "out": found.map(|_| &args.out),
-        "view": found.map(|(view, ..)| view),
-        "model": found.map(|(_, found, _)| found.view.name()),
-        "models": found.map(|(_, found, _)| found.models.iter().map(|model| json!({
+        "view": found.map(|(view, _)| view),
+        "model": found.map(|(_, found)| found.view.name()),
+        "models": found.map(|(_, found)| found.models.iter().map(|model| json!({
             "name": model.name(), "chi2": model.chi2, "limit": model.limit, "possible": model.is_possible(),
         })).collect::<Vec<_>>()),
-        "u_length": found.map(|(_, found, _)| found.view.u_length),
-        "u_volume": found.map(|(_, found, _)| found.view.u_volume),
-        "drift": found.map(|(_, found, _)| found.view.drift),
-        "u_drift": found.map(|(_, found, _)| found.view.u()),
-        "lengths": found.map(|(_, found, _)| &found.lengths),
-        "baseline": found.and_then(|(_, found, _)| found.baseline),
-        "pairs": after.iter().enumerate().map(|(k, (name, healthy, rms_px))| json!({
-            "name": name, "healthy": healthy, "rms_px": rms_px,
-            "recording": found.map(|(.., links)| &args.recordings[links[k].recording]),
+        "u_length": found.map(|(_, found)| found.view.u_length),
+        "u_volume": found.map(|(_, found)| found.view.u_volume),
+        "drift": found.map(|(_, found)| found.view.drift),
+        "u_drift": found.map(|(_, found)| found.view.u()),
+        "lengths": found.map(|(_, found)| &found.lengths),
+        "baseline": found.and_then(|(_, found)| found.baseline),
+        "pairs": after.iter().map(|pair| json!({
+            "name": pair.name, "recording": args.recordings[pair.recording],
+            "healthy": pair.healthy, "rms_px": pair.rms_px,
         })).collect::<Vec<_>>(),
     })
 }

@@ -9,10 +9,10 @@ use super::calibration::board::{Cell, Plan};
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use characterise::health::{Choice, HealthSettings, Partner, estimate_view, stepped};
 use fringe::geometry::camera::Camera;
-use recorded::Recorded;
+use recorded::{LENGTH, PLACES, Recorded};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u64).range(0..=10_000))]
     undrifted: u64,
     /// Recordings that a correction rests on: the part as it lies, then tilted and shifted.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=9))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=PLACES.len() as u64))]
     recordings: u64,
     /// Sets of recordings, each with its own noise.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for seed in 0..args.trials {
         let (calibrated, recorded) = trial(seed)?;
         for (name, drift) in &drifts {
-            report.rows.push(row((name, drift), seed, &calibrated, recorded, &settings)?);
+            report.rows.push(row((name, drift), seed, &calibrated, recorded, &bench, &settings)?);
             progress.step();
         }
     }
@@ -164,6 +164,7 @@ fn row(
     seed: u64,
     calibrated: &Calibrated,
     recorded: &[Recorded],
+    bench: &Bench,
     settings: &HealthSettings,
 ) -> Result<Row> {
     // The camera drifted by this after its calibration, so that the file lacks it.
@@ -205,9 +206,11 @@ fn row(
         None => ending("contradicted", None),
     };
     row.without = ended(estimate.choose());
-    let certified: Vec<f64> = recorded.iter().map(Recorded::certified_mm).collect();
+    let nominal =
+        bench.scene.truth().get(LENGTH).map(|truth| truth.value).context("the part has a spacing")?;
+    let certified = vec![nominal; recorded.len()];
     let readings = estimate.readings(&certified, |view| {
-        recorded.iter().map(|recorded| recorded.length(calibrated, view)).collect::<Result<Vec<_>>>()
+        recorded.iter().map(|recorded| recorded.length(bench, calibrated, view)).collect::<Result<Vec<_>>>()
     })?;
     row.with = ended(estimate.with_lengths(&readings).choose());
     Ok(row)

@@ -12,16 +12,16 @@ use fringe::geometry::camera::Camera;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseMap, PhaseView};
-use metrology::inspection::{Plan, evaluate};
+use metrology::inspection::evaluate;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use twin::{Twin, TwinSettings};
 
 /// The length standard: spheres of the part, certified.
-const LENGTH: &str = "sphere_spacing";
+pub(super) const LENGTH: &str = "sphere_spacing";
 /// Standard uncertainty of a certified length, mm.
 const U_LENGTH_MM: f64 = 0.0005;
 /// Places of the part, one for each recording of a correction: turns about x, y, z (°), shifts (mm).
-pub const PLACES: [([f64; 3], [f64; 3]); 9] = [
+pub(super) const PLACES: [([f64; 3], [f64; 3]); 9] = [
     ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([30.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([0.0, 30.0, 0.0], [0.0, 0.0, 0.0]),
@@ -38,21 +38,16 @@ pub struct Recorded {
     maps: [Vec<PhaseMap>; 2],
     /// Matches with each partner, the view on the right.
     matches: [Vec<Match>; PARTNERS.len()],
-    /// Inspection of the length standard.
-    plan: Plan,
-    /// Certified length of the standard, mm.
-    certified_mm: f64,
     world_from_part: Isometry3<f64>,
 }
 
 impl Recorded {
     /// The demo's part in one of its places, with noise of its own.
     pub fn part(bench: &Bench, cell: &Cell, place: usize, cycle: u64) -> Result<Self> {
-        let (turn_deg, shift_mm) = PLACES[place % PLACES.len()];
+        let (turn_deg, shift_mm) = PLACES[place];
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));
         let world_from_part = Isometry3::from_parts(Vector3::from(shift_mm).into(), turn);
         let twin = Twin::new(&bench.scene, TwinSettings::default(), &moved(&cell.rig, &world_from_part))?;
-        let truth = bench.scene.truth().get(LENGTH).context("the part has a spacing")?;
         let maps = |camera: &str, projector: &str| {
             decode(&twin, camera, projector, &cell.rig, &sequence(), cycle)
                 .with_context(|| format!("{camera} under {projector}, place {place}, cycle {cycle}"))
@@ -61,17 +56,11 @@ impl Recorded {
         let ([lx, ly], [rx, ry]) = (both(&one)?, both(&two)?);
         let projected = |maps: &[PhaseMap]| {
             let [x, y] = both(maps)?;
-            let turned = |m: &Match| Match { left: m.right, right: m.left, ..*m };
-            Ok::<_, anyhow::Error>(match_projector([&x, &y])?.matches.iter().map(turned).collect())
+            let found = match_projector([&x, &y])?.matches;
+            Ok::<_, anyhow::Error>(found.into_iter().map(Match::turned).collect())
         };
         let matches = [match_views([&lx, &ly], [&rx, &ry])?.matches, projected(&two)?, projected(&other)?];
-        Ok(Self {
-            maps: [one, two],
-            matches,
-            plan: bench.plan.clone(),
-            certified_mm: truth.value,
-            world_from_part,
-        })
+        Ok(Self { maps: [one, two], matches, world_from_part })
     }
 
     /// Whether all pairs of the view are healthy with it in a state.
@@ -94,20 +83,20 @@ impl Recorded {
         PARTNERS.iter().enumerate().map(one).collect()
     }
 
-    /// Certified length of the standard, mm.
-    pub fn certified_mm(&self) -> f64 {
-        self.certified_mm
-    }
-
     /// The length standard as the pair measures it with the view in a state, with its uncertainty, mm.
-    pub fn length(&self, calibrated: &Calibrated, view: &Camera) -> Result<Option<(f64, f64)>> {
+    pub fn length(
+        &self,
+        bench: &Bench,
+        calibrated: &Calibrated,
+        view: &Camera,
+    ) -> Result<Option<(f64, f64)>> {
         let mut rig = calibrated.rig.clone();
         rig.cameras[1].camera = view.clone();
         // As seen from the part, where its plan lies.
         let rig = moved(&rig, &self.world_from_part);
         let mut matcher = PairMatcher::new(&rig, &rig.pairs[0], 0, &MatchSettings::default())?;
         let cloud = matcher.cloud(&views(&self.maps[0]), &views(&self.maps[1]))?.0;
-        let result = evaluate(&self.plan, &cloud);
+        let result = evaluate(&bench.plan, &cloud);
         let feature = result.features.iter().find(|feature| feature.name == LENGTH);
         Ok(feature.and_then(|feature| Some((feature.value?, feature.u?.hypot(U_LENGTH_MM)))))
     }

@@ -126,10 +126,10 @@ impl ViewEstimate {
     /// The simplest model that is not contradicted, or those that lengths must tell apart; `None` where all are contradicted.
     pub fn choose(&self) -> Option<Choice> {
         let models = self.models();
-        let possible: Vec<ViewCorrection> =
-            models.iter().filter(|model| model.is_possible()).cloned().collect();
-        let size = possible.iter().map(ViewCorrection::size).min()?;
-        let mut alike: Vec<ViewCorrection> = possible.iter().filter(|m| m.size() == size).cloned().collect();
+        let possible = || models.iter().filter(|model| model.is_possible());
+        let size = possible().map(ViewCorrection::size).min()?;
+        let mut alike: Vec<ViewCorrection> =
+            possible().filter(|model| model.size() == size).cloned().collect();
         alike.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let best = alike.first()?.clone();
         let apart = |other: &ViewCorrection| {

@@ -34,6 +34,14 @@ pub struct Match {
     pub covariance_px2: Matrix2<f64>,
 }
 
+impl Match {
+    /// The same place with left and right exchanged. Both views see alike: the covariance of the place is taken for that in the other picture.
+    #[must_use]
+    pub fn turned(self) -> Self {
+        Self { left: self.right, right: self.left, ..self }
+    }
+}
+
 /// What became of the windows of the left view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct MatchCounts {

@@ -16,7 +16,6 @@ const LEAST_AGREE: f64 = 0.5;
 const APART: f64 = 0.4;
 /// Two frames are exchanged with which the frames agree by so much more, in whole frames, in the mean over the pixels.
 const EXCHANGED: f64 = 0.1;
-
 /// Nothing outside of the projector was lit by it: pixels there count so many times as disagreement, so that only specks may lie there.
 const OUTSIDE: f64 = 10.0;
 
@@ -48,7 +47,7 @@ impl Common {
                 |frame: &usize| signs.iter().map(|signs| strip.agreement(*frame, signs, begin)).collect();
             (begin, bits.iter().map(with).collect())
         };
-        // A speck whose turns were counted wrong may come long before all others.
+        // A speck whose turns were counted wrong may come long before all others, or long after.
         let at = (-turns..=orders).map(of_begin).collect();
         Self { pixels: strip.count.iter().sum(), at }
     }
@@ -169,6 +168,17 @@ mod tests {
             assert!(*begin != 1 || common[1][3] > 0.9);
         }
         assert_eq!(exchanged(&[region], 5), Some([3, 1]));
+    }
+
+    #[test]
+    fn a_tenth_of_a_region_lies_nowhere_outside_of_the_projector() {
+        let (turns, begin) = (10, -2);
+        // One turn of ten lies farther before the projector than the patterns reach; all others agree.
+        let (signs, cells) = (vec![1.0; 40 * CELLS], turns * CELLS);
+        let (count, level) = (vec![100.0; cells], vec![vec![1.0; cells]]);
+        let strip = Strip { level, seen: vec![count.clone()], count };
+        assert_eq!(strip.agreement(0, &signs, -1), 1.0);
+        assert!(strip.agreement(0, &signs, begin) < LEAST_AGREE, "{}", strip.agreement(0, &signs, begin));
     }
 
     /// A few pixels at a rim whose turns were counted far off, as they are at steep edges: the region seems to be as long as the projector.
