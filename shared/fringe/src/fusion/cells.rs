@@ -12,6 +12,9 @@ use std::ops::Range;
 /// Bits per pass of the radix sort.
 const DIGIT_BITS: u32 = 11;
 
+/// Leading bits of a key that an index has a place for: about as many places as a cloud has cells, and small enough for a cache.
+const INDEX_BITS: u32 = 16;
+
 /// Cells along one axis at most: three axes fill a 63-bit key.
 const MAX_CELLS: f64 = 2_097_000.0;
 
@@ -71,14 +74,38 @@ pub(super) struct Grid {
     pub bits: [u32; 3],
 }
 
+/// Points that follow each other in the cloud and lie in one cell, as neighbours along an image row do.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Run {
+    pub key: u64,
+    /// Number of the first one in the cloud.
+    pub first: u32,
+    pub count: u32,
+}
+
+/// A cell that holds points, and where they begin.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Cell {
+    pub key: u64,
+    /// Its first site.
+    pub site: u32,
+    /// Its first run of points.
+    run: u32,
+}
+
 /// Sites sorted by cell.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
     pub sites: Sites,
-    /// Start of each occupied cell in `sites`, with its key; behind the last one their end.
-    pub occupied: Vec<(u64, u32)>,
-    spare: Vec<(u64, u32)>,
-    order: Vec<(u64, u32)>,
+    /// Cells that hold points, by key; behind the last one their end.
+    pub occupied: Vec<Cell>,
+    spare: Vec<Run>,
+    /// By key, those of a cell in the order of the cloud.
+    runs: Vec<Run>,
+    /// Number of the first cell with these leading bits of the key, and one place more: what is asked for lies between two of them.
+    index: Vec<u32>,
+    /// Bits of a key behind the leading ones.
+    shift: u32,
 }
 
 /// The runs of sites around a cell that were found so far.
@@ -130,20 +157,46 @@ impl Grid {
 impl Cells {
     /// Sorts the finite points of a cloud. Buffers are reused.
     pub fn fill(&mut self, grid: &Grid, points: &[Point]) {
-        clear_and_reserve(&mut self.order, points.len());
-        let numbered = points.iter().zip(0..).filter(|(point, _)| is_finite(point));
-        self.order.extend(numbered.map(|(point, index)| (grid.key(&point.position_mm), index)));
-        radix_sort(&mut self.order, &mut self.spare, grid.bits.iter().sum());
-        self.sites.take(&self.order, points);
-        clear_and_reserve(&mut self.occupied, self.order.len() + 1);
-        let mut last = u64::MAX;
-        for (place, (key, _)) in self.order.iter().enumerate() {
-            if *key != last {
-                self.occupied.push((*key, place as u32));
-                last = *key;
+        clear_and_reserve(&mut self.runs, points.len());
+        for (point, first) in points.iter().zip(0..).filter(|(point, _)| is_finite(point)) {
+            let key = grid.key(&point.position_mm);
+            match self.runs.last_mut() {
+                Some(run) if run.key == key && run.first + run.count == first => run.count += 1,
+                _ => self.runs.push(Run { key, first, count: 1 }),
             }
         }
-        self.occupied.push((u64::MAX, self.order.len() as u32));
+        radix_sort(&mut self.runs, &mut self.spare, grid.bits.iter().sum());
+        self.sites.take(&self.runs, points);
+        clear_and_reserve(&mut self.occupied, self.runs.len() + 1);
+        let mut site = 0;
+        for (Run { key, count, .. }, run) in self.runs.iter().zip(0..) {
+            if self.occupied.last().is_none_or(|cell| cell.key != *key) {
+                self.occupied.push(Cell { key: *key, site, run });
+            }
+            site += count;
+        }
+        self.occupied.push(Cell { key: u64::MAX, site, run: self.runs.len() as u32 });
+        self.number(grid.bits.iter().sum());
+    }
+
+    /// Makes the index of the cells, whose keys have so many bits.
+    fn number(&mut self, bits: u32) {
+        self.shift = bits.saturating_sub(INDEX_BITS);
+        let places = (1 << (bits - self.shift)) + 1;
+        clear_and_reserve(&mut self.index, places);
+        for (cell, number) in self.occupied[..self.len()].iter().zip(0..) {
+            self.index.resize(self.index.len().max((cell.key >> self.shift) as usize + 1), number);
+        }
+        self.index.resize(places, self.len() as u32);
+    }
+
+    /// Number of the first cell whose key is no smaller.
+    pub fn first_from(&self, key: u64) -> usize {
+        let place = (key >> self.shift) as usize;
+        let Some([start, end]) = self.index.get(place..place + 2).map(|ends| [ends[0] as usize, ends[1] as usize]) else {
+            return self.len();
+        };
+        start + self.occupied[start..end].partition_point(|cell| cell.key < key)
     }
 
     /// Number of cells that hold points.
@@ -153,23 +206,24 @@ impl Cells {
 
     /// Number and key of each cell that holds points.
     pub fn keys(&self) -> impl Iterator<Item = (usize, u64)> {
-        self.occupied[..self.len()].iter().map(|(key, _)| *key).enumerate()
+        self.occupied[..self.len()].iter().map(|cell| cell.key).enumerate()
     }
 
     /// Key of a cell that holds points.
     pub fn key(&self, cell: usize) -> u64 {
-        self.occupied[cell].0
+        self.occupied[cell].key
     }
 
     /// Number of the cell of a key, where it holds points.
     pub fn find(&self, key: u64) -> Option<usize> {
-        self.occupied[..self.len()].binary_search_by_key(&key, |(key, _)| *key).ok()
+        let cell = self.first_from(key);
+        (self.occupied[..self.len()].get(cell)?.key == key).then_some(cell)
     }
 
     /// Numbers in the cloud of the points of a cell.
     pub fn points(&self, cell: usize) -> impl Iterator<Item = usize> {
-        let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].1 as usize);
-        self.order[start..end].iter().map(|(_, index)| *index as usize)
+        let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].run as usize);
+        self.runs[start..end].iter().flat_map(|run| run.first as usize..(run.first + run.count) as usize)
     }
 
     /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough; whether it did. `found`: the runs of the
@@ -196,18 +250,18 @@ impl Cells {
 
     /// The sites of a cell and of those beside it along z.
     fn run(&self, middle: u64) -> Range<usize> {
-        let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
-        let last = first + self.occupied[first..].iter().take_while(|(key, _)| *key <= middle + 1).count();
-        self.occupied[first].1 as usize..self.occupied[last].1 as usize
+        let first = self.first_from(middle - 1);
+        let last = first + self.occupied[first..].iter().take_while(|cell| cell.key <= middle + 1).count();
+        self.occupied[first].site as usize..self.occupied[last].site as usize
     }
 
     /// Takes a point out of all searches, by its number in the cloud.
     pub fn remove(&mut self, grid: &Grid, position_mm: &[f64; 3], index: u32) {
         let key = grid.key(position_mm);
-        let cell = self.occupied.partition_point(|(other, _)| *other < key);
-        let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].1 as usize);
-        if let Some(place) = (start..end).find(|place| self.order[*place].1 == index) {
-            self.sites.remove(place);
+        let Some(cell) = self.find(key) else { return };
+        let place = self.points(cell).position(|point| point == index as usize);
+        if let Some(place) = place {
+            self.sites.remove(self.occupied[cell].site as usize + place);
         }
     }
 
@@ -220,36 +274,34 @@ impl Cells {
         other: &Cells,
         mut visit: impl FnMut(Range<usize>, &[Range<usize>; 9]),
     ) {
-        let Some((first, _)) = self.occupied[cells.clone()].first() else { return };
-        let mut around = Surroundings::<9>::from(grid, other, *first);
+        let Some(first) = self.occupied[cells.clone()].first() else { return };
+        let mut around = Surroundings::<9>::from(grid, other, first.key);
         for pair in self.occupied[cells.start..=cells.end].windows(2) {
-            let [(key, start), (_, end)] = [pair[0], pair[1]];
-            let runs = around
-                .rows(other, key)
-                .map(|row| other.occupied[row.start].1 as usize..other.occupied[row.end].1 as usize);
-            visit(start as usize..end as usize, &runs);
+            let site = |cell: usize| other.occupied[cell].site as usize;
+            let runs = around.rows(other, pair[0].key).map(|row| site(row.start)..site(row.end));
+            visit(pair[0].site as usize..pair[1].site as usize, &runs);
         }
     }
 }
 
 /// Stable sort by the lowest `bits` of the keys.
-fn radix_sort(data: &mut Vec<(u64, u32)>, spare: &mut Vec<(u64, u32)>, bits: u32) {
+fn radix_sort(data: &mut Vec<Run>, spare: &mut Vec<Run>, bits: u32) {
     clear_and_reserve(spare, data.len());
-    spare.resize(data.len(), (0, 0));
+    spare.resize(data.len(), Run::default());
     let mut shift = 0;
     while shift < bits {
         let mut starts = [0_u32; 1 << DIGIT_BITS];
         let digit = |key: u64| ((key >> shift) & ((1 << DIGIT_BITS) - 1)) as usize;
-        for (key, _) in data.iter() {
-            starts[digit(*key)] += 1;
+        for run in data.iter() {
+            starts[digit(run.key)] += 1;
         }
         let mut total = 0;
         for start in &mut starts {
             total += std::mem::replace(start, total);
         }
-        for entry in data.iter() {
-            let place = &mut starts[digit(entry.0)];
-            spare[*place as usize] = *entry;
+        for run in data.iter() {
+            let place = &mut starts[digit(run.key)];
+            spare[*place as usize] = *run;
             *place += 1;
         }
         std::mem::swap(data, spare);
@@ -274,23 +326,35 @@ pub(super) mod tests {
         places.iter().map(at).collect()
     }
 
-    pub fn place() -> impl Strategy<Value = [f64; 3]> {
+    /// Places of up to so many runs of points, each along a row.
+    pub fn rows(runs: Range<usize>) -> impl Strategy<Value = Vec<[f64; 3]>> {
+        let row = |([x, y, z], count): ([f64; 3], u32)| (0..count).map(move |k| [x + 0.2 * f64::from(k), y, z]);
+        prop::collection::vec((place(), 1_u32..6), runs)
+            .prop_map(move |starts| starts.into_iter().flat_map(row).collect())
+    }
+
+    fn place() -> impl Strategy<Value = [f64; 3]> {
         [-5.0_f64..5.0, -3.0_f64..3.0, -0.5_f64..0.5]
+    }
+
+    /// Number in the cloud of the point of a site.
+    fn number(cells: &Cells, site: usize) -> u32 {
+        (0..cells.len()).flat_map(|cell| cells.points(cell)).nth(site).unwrap() as u32
     }
 
     /// Pairs (number in `own`, number in `other`) that a search visits and that are near.
     fn near(own: &Cells, at: usize, other: &Cells, run: Range<usize>, limit: f64) -> Vec<(u32, u32)> {
         let place = own.sites.position_mm(at);
         let inside = run.filter(|b| distance2(&other.sites.position_mm(*b), &place) <= limit);
-        inside.map(|b| (own.order[at].1, other.order[b].1)).collect()
+        inside.map(|b| (number(own, at), number(other, b))).collect()
     }
 
     proptest! {
         /// The sweep, in parts, and the search about single places find exactly the neighbours that comparing all with all finds.
         #[test]
         fn the_searches_equal_brute_force(
-            a in prop::collection::vec(place(), 1..80),
-            b in prop::collection::vec(place(), 0..80),
+            a in rows(1..40),
+            b in rows(0..40),
             part in 1_usize..9,
             gone in 0_usize..80,
         ) {
@@ -336,9 +400,10 @@ pub(super) mod tests {
 
         #[test]
         fn the_radix_sort_is_a_stable_sort(keys in prop::collection::vec(0_u64..1 << 30, 0..300)) {
-            let mut data: Vec<(u64, u32)> = keys.iter().map(|k| k % 1_000_003).zip(0..).collect();
+            let run = |(key, first): (&u64, u32)| Run { key: key % 1_000_003, first, count: 1 };
+            let mut data: Vec<Run> = keys.iter().zip(0..).map(run).collect();
             let mut expected = data.clone();
-            expected.sort_by_key(|entry| entry.0);
+            expected.sort_by_key(|run| run.key);
             radix_sort(&mut data, &mut Vec::new(), 30);
             prop_assert_eq!(data, expected);
         }

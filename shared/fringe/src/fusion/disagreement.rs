@@ -10,6 +10,7 @@
 
 use super::cells::{Cells, Grid};
 use super::surroundings::Surroundings;
+use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::ops::Range;
 
@@ -21,6 +22,8 @@ const LIKELY: f64 = 2.0;
 const CERTAIN: f64 = 5.0;
 /// Fewer points of a block say nothing.
 const LEAST: f64 = 16.0;
+/// Cells that are judged as one part.
+const CELLS: usize = 1024;
 
 /// What the points of a cell show that have a surface of the other cloud beside them.
 #[derive(Debug, Clone, Copy, Default)]
@@ -68,44 +71,51 @@ pub(super) struct Comparison<'a> {
     pub grid: &'a Grid,
 }
 
-/// The cells that decide whether one disagrees.
-struct Around {
-    near: Surroundings<9>,
-    wide: Surroundings<25>,
-}
-
-impl Around {
-    fn new(grid: &Grid) -> Self {
-        Self { near: Surroundings::new(grid), wide: Surroundings::new(grid) }
-    }
-}
-
 impl Comparison<'_> {
-    /// Adds the cells of both clouds in which they disagree; `open` is memory for the keys of cells in which nothing was compared.
-    pub fn find(&self, open: &mut Vec<u64>, raised: &mut Vec<Raised>) {
-        open.clear();
+    /// Adds the cells of both clouds in which they disagree; `parts` is memory.
+    pub fn find(&self, parts: &mut Vec<Vec<Raised>>, raised: &mut Vec<Raised>) {
         let (own, other) = (self.own.1, self.other.1);
-        let mut around = Around::new(self.grid);
-        let mut beside = Surroundings::<9>::new(self.grid);
-        for (number, key) in own.keys().filter(|(number, _)| self.compared[*number].disagrees(LIKELY)) {
-            let own_rows = around.near.rows(own, key);
-            if self.disagreeing(key, &own_rows, &mut around.wide).is_some() {
-                self.raise(key, &self.compared[number], raised);
+        let [of_own, of_other] = [own, other].map(|cells| cells.len().div_ceil(CELLS));
+        parts.resize_with(parts.len().max(of_own + of_other), Vec::new);
+        let parts = &mut parts[..of_own + of_other];
+        parts.par_iter_mut().enumerate().for_each(|(part, raised)| {
+            raised.clear();
+            if part < of_own {
+                self.judge(own, part * CELLS, |cell| Some(self.compared[cell]), raised);
+            } else {
+                // Where the first cloud has points as well, the cell is judged as its own.
+                let only_there = |cell| own.find(other.key(cell)).is_none().then(Compared::default);
+                self.judge(other, (part - of_own) * CELLS, only_there, raised);
             }
-            for (own_row, other_row) in own_rows.iter().zip(beside.rows(other, key)) {
-                let silent = own_row.clone().filter(|cell| self.compared[*cell].count < 1.0);
-                open.extend(silent.map(|cell| own.key(cell)));
-                let keys = other_row.map(|cell| other.key(cell));
-                open.extend(keys.filter(|key| own_row.clone().all(|cell| own.key(cell) != *key)));
+        });
+        parts.iter().for_each(|part| raised.extend(part));
+    }
+
+    /// Adds those of some cells from `first` on in which the clouds disagree. `shown`: what a cell shows; `None` where it is not judged.
+    fn judge(
+        &self,
+        cells: &Cells,
+        first: usize,
+        shown: impl Fn(usize) -> Option<Compared>,
+        raised: &mut Vec<Raised>,
+    ) {
+        let own = self.own.1;
+        let mut near = Surroundings::<9>::from(self.grid, own, cells.key(first));
+        let mut wide = Surroundings::<25>::from(self.grid, own, cells.key(first));
+        for cell in first..(first + CELLS).min(cells.len()) {
+            let Some(compared) = shown(cell) else { continue };
+            let is_silent = compared.count < 1.0;
+            if !is_silent && !compared.disagrees(LIKELY) {
+                continue;
             }
-        }
-        open.sort_unstable();
-        open.dedup();
-        let mut around = Around::new(self.grid);
-        for key in open.iter() {
-            let own_rows = around.near.rows(own, *key);
-            if let Some(block) = self.disagreeing(*key, &own_rows, &mut around.wide) {
-                self.raise(*key, &block, raised);
+            let key = cells.key(cell);
+            let rows = near.rows(own, key);
+            let disagree = |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY));
+            if is_silent && !rows.iter().any(disagree) {
+                continue;
+            }
+            if let Some(block) = self.disagreeing(key, &rows, &mut wide) {
+                self.raise(key, if is_silent { &block } else { &compared }, raised);
             }
         }
     }

@@ -128,8 +128,8 @@ pub struct Fuser {
     /// Of each part of an overlap, memory for the sites around a cell.
     near: Vec<Near>,
     raised: Vec<Raised>,
-    /// Keys of cells in which nothing was compared.
-    open: Vec<u64>,
+    /// Of each part of the cells, those in which clouds disagree.
+    disagreeing: Vec<Vec<Raised>>,
     report: FusionReport,
 }
 
@@ -316,7 +316,7 @@ impl Fuser {
                 self.report.overlaps.push(all.overlap(a, b));
                 let comparison =
                     Comparison { own: (a, own), other: (b, other), compared: &self.compared, grid };
-                comparison.find(&mut self.open, &mut self.raised);
+                comparison.find(&mut self.disagreeing, &mut self.raised);
             }
         }
     }

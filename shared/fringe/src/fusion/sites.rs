@@ -1,6 +1,7 @@
 //! Points as the search sees them: each property a list of its own, so that eight of them are one step of a vector loop.
 
 use super::buffers::clear_and_reserve;
+use super::cells::Run;
 use crate::cloud::Point;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
@@ -28,10 +29,10 @@ pub(super) struct Place {
 }
 
 impl Sites {
-    /// Takes points in an order: their keys, and their numbers in the cloud. Behind them come places that no search finds, so that
+    /// Takes points of a cloud, one run of them after another. Behind them come places that no search finds, so that
     /// a step of a loop may begin at any site.
-    pub fn take(&mut self, order: &[(u64, u32)], points: &[Point]) {
-        let entries = order.len() + LANES;
+    pub fn take(&mut self, runs: &[Run], points: &[Point]) {
+        let entries = runs.iter().map(|run| run.count as usize).sum::<usize>() + LANES;
         self.position_mm.iter_mut().for_each(|list| resize(list, entries, f64::NAN));
         self.normal.iter_mut().for_each(|list| resize(list, entries, 0.0));
         resize(&mut self.sigma_mm, entries, 0.0);
@@ -39,8 +40,8 @@ impl Sites {
         let [nx, ny, nz] = &mut self.normal;
         let positions = x.iter_mut().zip(y).zip(z);
         let lists = positions.zip(nx.iter_mut().zip(ny).zip(nz)).zip(&mut self.sigma_mm);
-        for (((((x, y), z), ((nx, ny), nz)), sigma), (_, index)) in lists.zip(order) {
-            let point = &points[*index as usize];
+        let points = runs.iter().flat_map(|run| &points[run.first as usize..][..run.count as usize]);
+        for (((((x, y), z), ((nx, ny), nz)), sigma), point) in lists.zip(points) {
             [*x, *y, *z] = point.position_mm;
             [*nx, *ny, *nz] = point.normal;
             *sigma = point.sigma_mm;
