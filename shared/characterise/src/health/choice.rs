@@ -6,16 +6,17 @@
 //! same size remain that give other lengths, or where the remaining one leaves lengths open, the residuals cannot tell, and a
 //! length standard must. A change of the baseline is never taken without one.
 //!
-//! Another model may be the true one although the chosen one is not contradicted. Each counts with its evidence, the probability of what was
-//! seen under the prior of its drifts (MacKay 1992), and the uncertainty of the chosen one holds how far the others lie from it.
+//! Another model may be the true one although the chosen one is not contradicted, or was by chance. Each counts with Akaike's weight (Burnham and Anderson
+//! 2002), exp(−½ (χ² + 2 k)) with k free causes, and the uncertainty of the chosen one holds how far the others lie from it. The evidence under
+//! a prior would ask how large drifts are, which nobody knows: the wider it is, the less three causes of a shift count beside the one of a focal length.
 
 use super::chi_square;
-use super::correct::{PRIOR, ViewEstimate};
+use super::correct::ViewEstimate;
 use super::state::{POSE, UNKNOWNS, stepped};
 use crate::calibration::PARAMETERS;
 use fringe::geometry::camera::Camera;
-use fringe::math::linear::{Dense, Factor, dot, eigen};
-use fringe::math::{exp, ln};
+use fringe::math::exp;
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Vector3;
 
 /// Lengths that are this well known, relative to themselves, are known: 2 µm in 100 mm, as a good calibration leaves them.
@@ -54,8 +55,6 @@ pub struct ViewCorrection {
     pub chi2: f64,
     /// One true model in twenty exceeds this.
     pub limit: f64,
-    /// Logarithm of the evidence, up to what all models of an estimate have in common.
-    pub log_evidence: f64,
     /// Relative standard uncertainty of lengths that the correction leaves, rms over the object.
     pub u_length: f64,
     /// The same of 100 mm anywhere that both views of a measuring pair see: the largest.
@@ -112,6 +111,11 @@ impl ViewCorrection {
         (0..count * count).map(product).collect()
     }
 
+    /// Akaike's criterion, up to what all models of an estimate have in common.
+    fn akaike(&self) -> f64 {
+        self.chi2 + 2.0 * causes(self.changes).count() as f64
+    }
+
     fn size(&self) -> usize {
         self.changes.iter().filter(|changes| **changes).count()
     }
@@ -147,15 +151,15 @@ impl ViewEstimate {
         })
     }
 
-    /// A model with the others' distance from it in its uncertainty, each with its share of the evidence: one true model in twenty is contradicted
-    /// by chance, so that those count as well.
+    /// A model with the others' distance from it in its uncertainty, each with its weight: one true model in twenty is contradicted by chance, so that
+    /// those count as well.
     fn with_doubt(&self, best: &ViewCorrection, models: &[ViewCorrection]) -> ViewCorrection {
-        let most = models.iter().map(|m| m.log_evidence).fold(f64::NEG_INFINITY, f64::max);
-        let evidence = |model: &ViewCorrection| exp(model.log_evidence - most);
-        let sum: f64 = models.iter().map(evidence).sum();
+        let least = models.iter().map(ViewCorrection::akaike).fold(f64::INFINITY, f64::min);
+        let weight = |model: &ViewCorrection| exp(-0.5 * (model.akaike() - least));
+        let sum: f64 = models.iter().map(weight).sum();
         let mut covariance = best.covariance;
         for model in models {
-            let (share, difference) = (evidence(model) / sum, difference(model, best));
+            let (share, difference) = (weight(model) / sum, difference(model, best));
             for (row, a) in covariance.iter_mut().zip(difference) {
                 row.iter_mut().zip(difference).for_each(|(c, b)| *c += share * a * b);
             }
@@ -190,7 +194,7 @@ impl ViewEstimate {
 
     /// The estimate with some causes held at the rig file's state.
     fn model(&self, changes: [bool; 3]) -> Option<ViewCorrection> {
-        let free: Vec<usize> = (0..UNKNOWNS).filter(|i| changes[i / 3]).collect();
+        let free: Vec<usize> = causes(changes).collect();
         let n = free.len();
         let inner = Dense::from_fn(n, n, |i, j| self.weight.at(free[i], free[j]));
         let whole = self.weight.apply(&self.drift);
@@ -207,9 +211,6 @@ impl ViewEstimate {
             }
         }
         let held = UNKNOWNS - n;
-        // Information over that of the prior: what a cause can be before anything is seen against what it can be afterwards.
-        let gained = Dense::from_fn(n, n, |i, j| inner.at(i, j) * PRIOR[free[i]] * PRIOR[free[j]]);
-        let log_det: f64 = eigen(&gained).0.iter().map(|value| ln(value.max(1.0))).sum();
         Some(ViewCorrection {
             changes,
             camera: stepped(&self.start, &drift),
@@ -217,11 +218,15 @@ impl ViewEstimate {
             covariance,
             chi2,
             limit: if held > 0 { chi_square::limit(CONTRADICTED, held) } else { 1e-6 },
-            log_evidence: -0.5 * (chi2 + log_det),
             u_length: self.u_length(&covariance),
             u_volume: self.u_volume(&covariance),
         })
     }
+}
+
+/// Numbers of the causes that are free where these change.
+fn causes(changes: [bool; 3]) -> impl Iterator<Item = usize> {
+    (0..UNKNOWNS).filter(move |i| changes[i / 3])
 }
 
 /// Drift of a model less that of another one.

@@ -22,7 +22,7 @@ use nalgebra::Vector3;
 /// Rounds of Gauss–Newton; drifts are small, so that the second one only confirms.
 const ROUNDS: usize = 4;
 /// Standard deviation of a drift before anything is seen of it: rad, mm, relative change of the focal length.
-pub(super) const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
+const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
 
 /// Smooth errors of the phase within the causes are taken for up to so many times those that no cause explains …
 const PATTERN: f64 = 2.0;
