@@ -68,6 +68,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     settings.check()?;
     let rig_file = read_rig(&args.rig)?;
+    if let Some(view) = &args.view {
+        camera(&rig_file.rig, view).with_context(|| {
+            format!("--view {view}: name a camera or projector of {}", args.rig.display())
+        })?;
+    }
     let covariance = rig_file.read_covariance()?;
     let shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);

@@ -193,7 +193,9 @@ impl Cells {
     /// Number of the first cell whose key is no smaller.
     pub fn first_from(&self, key: u64) -> usize {
         let place = (key >> self.shift) as usize;
-        let Some([start, end]) = self.index.get(place..place + 2).map(|ends| [ends[0] as usize, ends[1] as usize]) else {
+        let Some([start, end]) =
+            self.index.get(place..place + 2).map(|ends| [ends[0] as usize, ends[1] as usize])
+        else {
             return self.len();
         };
         start + self.occupied[start..end].partition_point(|cell| cell.key < key)
@@ -202,11 +204,6 @@ impl Cells {
     /// Number of cells that hold points.
     pub fn len(&self) -> usize {
         self.occupied.len().saturating_sub(1)
-    }
-
-    /// Number and key of each cell that holds points.
-    pub fn keys(&self) -> impl Iterator<Item = (usize, u64)> {
-        self.occupied[..self.len()].iter().map(|cell| cell.key).enumerate()
     }
 
     /// Key of a cell that holds points.
@@ -328,7 +325,8 @@ pub(super) mod tests {
 
     /// Places of up to so many runs of points, each along a row.
     pub fn rows(runs: Range<usize>) -> impl Strategy<Value = Vec<[f64; 3]>> {
-        let row = |([x, y, z], count): ([f64; 3], u32)| (0..count).map(move |k| [x + 0.2 * f64::from(k), y, z]);
+        let row =
+            |([x, y, z], count): ([f64; 3], u32)| (0..count).map(move |k| [x + 0.2 * f64::from(k), y, z]);
         prop::collection::vec((place(), 1_u32..6), runs)
             .prop_map(move |starts| starts.into_iter().flat_map(row).collect())
     }

@@ -88,7 +88,7 @@ impl Comparison<'_> {
                 self.judge(other, (part - of_own) * CELLS, only_there, raised);
             }
         });
-        parts.iter().for_each(|part| raised.extend(part));
+        raised.extend(parts.iter().flatten());
     }
 
     /// Adds those of some cells from `first` on in which the clouds disagree. `shown`: what a cell shows; `None` where it is not judged.
@@ -110,7 +110,8 @@ impl Comparison<'_> {
             }
             let key = cells.key(cell);
             let rows = near.rows(own, key);
-            let disagree = |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY));
+            let disagree =
+                |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY));
             if is_silent && !rows.iter().any(disagree) {
                 continue;
             }
