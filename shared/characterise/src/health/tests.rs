@@ -347,7 +347,7 @@ fn a_larger_model_that_may_be_true_enters_the_uncertainty() {
     };
     let (open, clear) = (found(1e-4), found(1e-5));
     // χ² + 2 k: 4 + 6 for the rotation, 0 + 8 with the focal length, 4 + 12 with the shift, 0 + 14 with both; the lengths are 10⁻⁴ apart.
-    let [chosen, focal, shift, both] = [10.0, 8.0, 16.0, 14.0].map(|akaike: f64| f64::exp(-0.5 * akaike));
+    let [chosen, focal, shift, both] = [10.0, 8.0, 16.0, 14.0].map(|akaike| fringe::math::exp(-0.5 * akaike));
     let share = (focal + both) / (chosen + focal + shift + both);
     assert!((open.u_volume / (share.sqrt() * 1e-4) - 1.0).abs() < 0.01, "{}", open.u_volume);
     assert_eq!(open.u_volume, open.u()[6], "the rig file has it too");
