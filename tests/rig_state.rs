@@ -137,11 +137,19 @@ fn a_knocked_camera_is_mended_from_several_recordings_that_are_no_copies() {
     );
     let history = read_rig(out.as_ref()).unwrap().provenance;
     assert_eq!(history["corrections"][0]["recordings_sha256"].as_array().map(Vec::len), Some(2));
-    // Both tell more than one.
+    // Both tell more than one: a wrong cause fits twice as many points worse. The uncertainty also holds the doubt about
+    // the cause, which may grow by chance.
     let alone = lit.path("alone.json");
     fringetool(&["correct-rig", &rec, "--rig", &rig, "--out", &out, "--json", &alone]).expect_success();
     let single: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&alone).unwrap()).unwrap();
-    assert!(found("u_drift") < 0.9 * single["u_drift"][0].as_f64().unwrap().to_degrees(), "{single}");
+    let chi2_of = |result: &serde_json::Value, cause: &str| {
+        let models = result["models"].as_array().unwrap();
+        models.iter().find(|model| model["name"] == cause).unwrap()["chi2"].as_f64().unwrap()
+    };
+    for cause in ["focal length", "shift"] {
+        let (both, one) = (chi2_of(&result, cause), chi2_of(&single, cause));
+        assert!(both > 1.5 * one, "{cause}: {both} beside {one}");
+    }
     // A copy under another name is no second measurement.
     let copy = lit.path("copy");
     assert!(std::process::Command::new("cp").args(["-r", &rec, &copy]).status().unwrap().success());
@@ -156,6 +164,10 @@ fn a_knocked_camera_is_mended_from_several_recordings_that_are_no_copies() {
         assert!(ran.code == Some(2) && ran.stderr.contains(expected), "{}", ran.stderr);
         assert!(!Path::new(&lit.path("never.toml")).exists());
     }
+    // Nor does a misspelt view pass for one that has not drifted.
+    let true_rig = lit.path("rig.toml");
+    let ran = fringetool(&["correct-rig", &rec, "--rig", &true_rig, "--out", &out, "--view", "cam9"]);
+    assert!(ran.code == Some(2) && ran.stderr.contains("--view cam9"), "{}", ran.stderr);
 }
 
 #[test]

@@ -8,7 +8,8 @@
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
-use super::cells::{Cells, Grid};
+use super::cells::Cells;
+use super::grid::Grid;
 use super::surroundings::Surroundings;
 use rayon::prelude::*;
 use std::cmp::Reverse;

@@ -1,6 +1,7 @@
 //! Whether a point has others around it, or is isolated.
 
-use super::cells::{Cells, Found, Grid, distance2, is_finite};
+use super::cells::{Cells, Found, distance2};
+use super::grid::{Grid, is_finite};
 use super::sites::Sites;
 use crate::cloud::Point;
 use std::ops::Range;

@@ -16,6 +16,7 @@
 mod buffers;
 mod cells;
 mod disagreement;
+mod grid;
 mod isolated;
 mod near;
 mod overlap;
@@ -26,8 +27,9 @@ use crate::cloud::Point;
 use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
-use cells::{Cells, Extent, Found, Grid, distance2, is_finite};
+use cells::{Cells, Found, distance2};
 use disagreement::{Compared, Comparison, Raised};
+use grid::{Extent, Grid, is_finite};
 use isolated::{has_around, has_beside};
 use near::Near;
 use overlap::{Distances, Nearness};

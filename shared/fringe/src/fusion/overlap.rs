@@ -1,8 +1,9 @@
 //! How two clouds agree where both see the part.
 
 use super::Overlap;
-use super::cells::{Cells, Grid};
+use super::cells::Cells;
 use super::disagreement::Compared;
+use super::grid::Grid;
 use super::near::{Beside, Near};
 use super::sites::Place;
 use crate::math::simd::vectorised;

@@ -1,6 +1,7 @@
 //! The cells around cells that are asked for in the order of their keys.
 
-use super::cells::{Cells, Grid};
+use super::cells::Cells;
+use super::grid::Grid;
 use std::ops::Range;
 
 /// The cells around one cell after another, in ascending order of their keys: N = 9 rows along z hold those up to one cell away, N = 25 those
@@ -54,8 +55,8 @@ impl<const N: usize> Surroundings<N> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::cells::Extent;
     use super::super::cells::tests::{cloud, rows};
+    use super::super::grid::Extent;
     use super::*;
     use proptest::prelude::*;
 
