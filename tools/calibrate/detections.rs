@@ -53,7 +53,8 @@ pub struct SearchedImage {
 
 /// Searches an image for the target.
 pub fn search(frame: &Frame, target: &TargetBody, place: String, source: Source) -> SearchedImage {
-    let found = detect_body(&frame.view(), target, &TargetSettings::default());
+    let settings = TargetSettings { edge_blur: true, ..TargetSettings::default() };
+    let found = detect_body(&frame.view(), target, &settings);
     SearchedImage { place, size_px: (frame.width_px, frame.height_px), found, source }
 }
 

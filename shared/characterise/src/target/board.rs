@@ -1,8 +1,8 @@
 //! A grid of candidates becomes a board: corners fitted, holes and margins filled, what does not fit dropped.
 
-use super::corner::{Band, Corner, Expected, Window, refine};
+use super::corner::{Corner, Expected, View, refine};
 use super::lattice::{Lattice, Place, bounds_of};
-use super::raster::Raster;
+use super::window::{Band, Window};
 use fringe::math::statistics::median;
 use nalgebra::{Point2, Vector2};
 use rayon::prelude::*;
@@ -25,15 +25,6 @@ const TEXTURE: f64 = 0.06;
 const BLUR: f64 = 0.3;
 /// Cosine of the largest turn of an edge against the direction of its neighbours: 18°.
 const TURN: f64 = 0.95;
-
-/// The image and how it is looked at.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct View<'a> {
-    pub image: &'a Raster,
-    pub full_scale_dn: f64,
-    pub min_contrast_dn: f64,
-    pub window: Window,
-}
 
 /// Corners on their lattice; where u + v is even the square between +u and +v is light.
 pub(crate) type Board = BTreeMap<Place, Corner>;
@@ -108,7 +99,7 @@ fn fitted(
     let expected = Expected { pixel, along, curvature, light, leash_px: STRAY * pitch };
     let fit = |band: Band, first: Option<&Corner>| {
         let window = Window { band, ..view.window };
-        let corner = refine(view.image, view.full_scale_dn, &expected, window, first)?;
+        let corner = refine(view, &expected, window, first)?;
         is_sound(view, &corner, &expected).then_some(corner)
     };
     let wide = fit(Band::WIDE, second.map(|(corner, _)| corner))?;

@@ -1,8 +1,8 @@
 //! A declared checkerboard among the boards of an image.
 
 use super::attempts::{Sighting, first};
-use super::board::{Board, Starts, View, board, overlap};
-use super::corner::{Band, Corner, LEAST_ROOM_PX, Window};
+use super::board::{Board, Starts, board, overlap};
+use super::corner::{Corner, View};
 use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::{Bounds, Lattice, Place, bounds_of};
@@ -11,6 +11,7 @@ use super::raster::Raster;
 use super::saddle::{Saddle, candidates};
 use super::settings::TargetSettings;
 use super::spec::TargetSpec;
+use super::window::{Band, LEAST_ROOM_PX, Window};
 use nalgebra::{Point2, Vector2};
 
 const WHAT: &str = "checkerboard";
@@ -116,7 +117,7 @@ pub(crate) fn looked_at<'a>(
     let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
     let window =
         Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
-    let view = View { image, full_scale_dn, min_contrast_dn, window };
+    let view = View { image, full_scale_dn, min_contrast_dn, window, edge_blur: settings.edge_blur };
     let (saddles, smooth) = if factor == 1 {
         candidates(image, min_contrast_dn)
     } else {

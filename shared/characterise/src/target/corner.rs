@@ -8,10 +8,11 @@
 
 use super::crossing::{Crossing, Edge, Line, SHARED};
 use super::edge_blur::{BlurredEdge, blurred_edges};
-use super::normal::{Model, Pixels, Range, Sample, normal};
+use super::normal::{Model, Pixels, Range, normal};
 use super::raster::Raster;
-use super::solve::{Ending, SETTLED_SIGMAS, fit};
-use fearless_simd::f64x8;
+use super::solve::{FAR, NEAR, SETTLED_SIGMAS, Steps, fit};
+use super::window::{Cross, Window};
+use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use fringe::math::atan2;
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
@@ -29,8 +30,16 @@ const START_BLUR_PX: f64 = 1.0;
 const LEAST_BLUR_PX: f64 = 0.4;
 /// Largest change of the contrast and of the light from the middle of a window to its rim, as a part of the contrast.
 const STEEPEST: f64 = 0.6;
-/// Margin between a corner and the border of the image, px: as far as the blur reaches.
-pub(crate) const LEAST_ROOM_PX: f64 = 4.0;
+/// The image and how it is looked at.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct View<'a> {
+    pub image: &'a Raster,
+    pub full_scale_dn: f64,
+    pub min_contrast_dn: f64,
+    pub window: Window,
+    /// Whether the blur of the edges is told as well.
+    pub edge_blur: bool,
+}
 
 /// Where a corner is expected.
 #[derive(Debug, Clone, Copy)]
@@ -56,7 +65,7 @@ pub(crate) struct Corner {
     /// −A: positive when the square between the first and the second edge is light.
     pub contrast_dn: f64,
     pub residual_dn: f64,
-    /// Both edges, each with its own blur, of a second fit.
+    /// Both edges, each with its own blur, of a second fit that tells them.
     pub edges: Option<[BlurredEdge; 2]>,
     /// Directions of the edges, rad, turned by less than a quarter from those expected.
     pub angle_rad: [f64; 2],
@@ -64,31 +73,8 @@ pub(crate) struct Corner {
     parameters: SVector<f64, PARAMETERS>,
 }
 
-/// Reach of the window.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Window {
-    pub fraction: f64,
-    pub limit_px: f64,
-    pub band: Band,
-}
-
-/// Distance from the edges within which pixels count, as a fraction of the pitch and at least: the inside of the squares
-/// has no information on the edges, and may carry markers.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Band {
-    fraction: f64,
-    least_px: f64,
-}
-
-impl Band {
-    /// The window for most corners.
-    pub const WIDE: Self = Self { fraction: 0.22, least_px: 4.5 };
-    /// Between the edges and markers that come close to them.
-    pub const NARROW: Self = Self { fraction: 0.12, least_px: 2.5 };
-}
-
 struct TwoEdges {
-    /// Scale of the slopes, px: makes all linear parameters grey values.
+    /// Scale of the slopes, px: makes all linear parameters range values.
     reach_px: f64,
     curvature: [f64; 2],
 }
@@ -97,13 +83,13 @@ struct TwoEdges {
 struct PlainEdge {
     line: Line,
     /// 1, or 0 where σ is held at its least value.
-    free: f64,
+    free: f32,
 }
 
 impl PlainEdge {
     /// σ²·∂P/∂n of the derivatives that [`Edge::at`] gives, along x and y.
     #[inline(always)]
-    fn blurred_slope<S: Simd>(&self, derivatives: &[f64x8<S>; 4]) -> [f64x8<S>; 2] {
+    fn blurred_slope<S: Simd>(&self, derivatives: &[f32x16<S>; 4]) -> [f32x16<S>; 2] {
         let variance = -1.0 / (self.line.sharpness * self.line.sharpness);
         [derivatives[0] * variance, derivatives[1] * variance]
     }
@@ -111,7 +97,7 @@ impl PlainEdge {
 
 impl Edge<4> for PlainEdge {
     #[inline(always)]
-    fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; 4]) {
+    fn at<S: Simd>(&self, dx: f32x16<S>, dy: f32x16<S>) -> (f32x16<S>, [f32x16<S>; 4]) {
         let line = &self.line;
         let [along, _, s] = line.place(dx, dy);
         let scaled = s * line.sharpness;
@@ -124,24 +110,24 @@ impl Edge<4> for PlainEdge {
 }
 
 impl Model<PARAMETERS> for TwoEdges {
-    type Prepared = ([PlainEdge; 2], SVector<f64, PARAMETERS>);
+    type Prepared = ([PlainEdge; 2], SVector<f32, PARAMETERS>);
 
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
         let edge = |i: usize| PlainEdge {
             line: Line::new(p[2 + i], p[4 + i].max(LEAST_BLUR_PX), 0.5 * self.curvature[i]),
-            free: f64::from(p[4 + i] > LEAST_BLUR_PX),
+            free: f32::from(p[4 + i] > LEAST_BLUR_PX),
         };
-        ([edge(0), edge(1)], *p)
+        ([edge(0), edge(1)], p.cast())
     }
 
     #[inline(always)]
     fn evaluate<S: Simd>(
         &self,
         (edges, p): &Self::Prepared,
-        x: f64x8<S>,
-        y: f64x8<S>,
-    ) -> (f64x8<S>, [f64x8<S>; PARAMETERS]) {
-        let scale = 1.0 / self.reach_px;
+        x: f32x16<S>,
+        y: f32x16<S>,
+    ) -> (f32x16<S>, [f32x16<S>; PARAMETERS]) {
+        let scale = (1.0 / self.reach_px) as f32;
         let crossing = Crossing::new(edges, p, scale, [x, y]);
         let ([(first, d1), (second, d2)], [u, v]) = (&crossing.edges, crossing.place);
         // x and y through the blur, over P₁P₂; their change with the shape parameters is of second order.
@@ -161,19 +147,18 @@ impl Model<PARAMETERS> for TwoEdges {
 /// From scratch the fit ends near the place. With `first`, the corner that this gave, it starts there, with the
 /// curvature that is now known, and ends at the noise limit.
 pub(crate) fn refine(
-    image: &Raster,
-    full_scale_dn: f64,
+    view: &View,
     expected: &Expected,
     window: Window,
     first: Option<&Corner>,
 ) -> Option<Corner> {
+    let (image, full_scale_dn) = (view.image, view.full_scale_dn);
     let origin = Point2::new(expected.pixel.x.round(), expected.pixel.y.round());
-    let (mut samples, reach_px) = samples(image, origin, expected, window)?;
-    if first.is_none() && samples.len() > ENOUGH {
-        // Every second pixel, as the black squares of a chessboard.
-        samples.retain(|sample| (sample.x as i64 + sample.y as i64) % 2 == 0);
-    }
-    let (pixels, range) = (Pixels::new(&samples), Range::of(&samples, full_scale_dn));
+    let cross = Cross::about(expected.pixel, expected.along, window, image)?;
+    let reach_px = cross.reach_px;
+    let thinned = first.is_none() && cross.count() > ENOUGH;
+    let pixels = cross.pixels(image, origin, thinned);
+    let range = Range::of(&pixels, full_scale_dn);
     let model = TwoEdges { reach_px, curvature: expected.curvature };
     let offset = expected.pixel - origin;
     let start = match first {
@@ -184,9 +169,10 @@ pub(crate) fn refine(
         }
         None => from_scratch(&model, expected, offset, &pixels)?,
     };
-    let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
-    let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
-    let solved = fit(&model, start, &pixels, range, ending)?;
+    let (damping, settled_sigmas) =
+        if first.is_some() { (NEAR, SETTLED_SIGMAS) } else { (FAR, ROUGHLY_SIGMAS) };
+    let steps = Steps { damping, settled_sigmas, leash_px: expected.leash_px };
+    let solved = fit(&model, start, &pixels, range, steps)?;
     let p = solved.parameters;
     // Where the contrast ends within the window there is a corner of one square, not of four.
     // The same where the light would have to change that much: one dark square whose opposite is beyond full scale.
@@ -197,11 +183,12 @@ pub(crate) fn refine(
     let pixel = Point2::new(origin.x + p[0], origin.y + p[1]);
     // Where the fit ends, the blur is told once more, with its tails.
     let edges = first
-        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &pixels, (range, ending)));
+        .filter(|_| view.edge_blur)
+        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &pixels, (range, steps)));
     Some(Corner {
         pixel,
         edges,
-        covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+        covariance_px2: solved.covariance_px2(),
         blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
         // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.
         contrast_dn: (-p[9]).clamp(-0.5 * full_scale_dn, 0.5 * full_scale_dn),
@@ -232,55 +219,9 @@ fn from_scratch(
     ((start[9] < 0.0) == expected.light).then_some(start)
 }
 
-/// The pixels of the cross along both edges, cut at the border of the image, and its reach in px; `None` outside.
-fn samples(
-    image: &Raster,
-    origin: Point2<f64>,
-    expected: &Expected,
-    window: Window,
-) -> Option<(Vec<Sample>, f64)> {
-    let shift = expected.pixel - origin;
-    let [e, f] = expected.along;
-    let lengths = [e.norm(), f.norm()];
-    let area = e.x * f.y - e.y * f.x;
-    if lengths[0].min(lengths[1]) < 3.0 || area.abs() < 0.1 * lengths[0] * lengths[1] {
-        return None;
-    }
-    // Of a corner at w·e + v·f: w and v; w·|e| is the way along the first edge.
-    let reach = lengths.map(|l| (window.fraction * l).min(window.limit_px));
-    let band = lengths
-        .map(|l| (window.band.fraction * l).clamp(window.band.least_px, 0.5 * window.limit_px.max(9.0)));
-    let extent = Vector2::new(
-        reach[0] * e.x.abs() / lengths[0] + reach[1] * f.x.abs() / lengths[1],
-        reach[0] * e.y.abs() / lengths[0] + reach[1] * f.y.abs() / lengths[1],
-    );
-    let last = Vector2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
-    let room = expected.pixel.coords.inf(&(last - expected.pixel.coords)).min();
-    if room.is_nan() || room < LEAST_ROOM_PX {
-        return None;
-    }
-    let (left, right) = ((origin.x - extent.x.ceil()).max(0.0), (origin.x + extent.x.ceil()).min(last.x));
-    let (top, bottom) = ((origin.y - extent.y.ceil()).max(0.0), (origin.y + extent.y.ceil()).min(last.y));
-    let mut samples = Vec::with_capacity(((right - left + 1.0) * (bottom - top + 1.0)) as usize);
-    for row in top as usize..=bottom as usize {
-        for column in left as usize..=right as usize {
-            let (x, y) = (column as f64 - origin.x, row as f64 - origin.y);
-            let d = Vector2::new(x, y) - shift;
-            let along =
-                [(d.x * f.y - d.y * f.x) / area * lengths[0], (e.x * d.y - e.y * d.x) / area * lengths[1]];
-            let inside = along[0].abs() <= reach[0] && along[1].abs() <= reach[1];
-            let near = (area / lengths[0] / lengths[1]).abs();
-            if inside && (along[1].abs() * near <= band[1] || along[0].abs() * near <= band[0]) {
-                samples.push(Sample { x, y, value: f64::from(image.get(column, row)) });
-            }
-        }
-    }
-    Some((samples, reach[0].max(reach[1])))
-}
-
 /// Mean and signed contrast of the pixels for the start: a regression on P₁P₂.
 fn start_levels(model: &TwoEdges, start: &mut SVector<f64, PARAMETERS>, pixels: &Pixels) {
-    // Without light yet, the residuals are the grey values.
+    // Without light yet, the residuals are the range values.
     let sums = normal(model, start, pixels, Range::OPEN);
     let (sum, sum_p, sum_pp, sum_pv) =
         (sums.vector[6], sums.matrix[(9, 6)], sums.matrix[(9, 9)], sums.vector[9]);

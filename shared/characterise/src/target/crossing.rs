@@ -1,7 +1,7 @@
 //! Two blurred edges that cross under uneven light: what the models of a corner share.
 
 use super::profile::Profile;
-use fearless_simd::f64x8;
+use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use fringe::math::sincos;
 use nalgebra::SVector;
@@ -9,23 +9,29 @@ use nalgebra::SVector;
 /// Where an edge lies at one set of parameters, and how sharp it is.
 pub(super) struct Line {
     pub profile: &'static Profile,
-    pub sin: f64,
-    pub cos: f64,
+    pub sin: f32,
+    pub cos: f32,
     /// Inverse of σ, 1/px.
-    pub sharpness: f64,
-    pub half_curvature: f64,
+    pub sharpness: f32,
+    pub half_curvature: f32,
 }
 
 impl Line {
     /// At an angle, rad, blurred by σ, px, with half a curvature, 1/px.
     pub fn new(angle_rad: f64, sigma_px: f64, half_curvature: f64) -> Self {
         let (sin, cos) = sincos(angle_rad);
-        Self { profile: Profile::table(), sin, cos, sharpness: 1.0 / sigma_px, half_curvature }
+        Self {
+            profile: Profile::table(),
+            sin: sin as f32,
+            cos: cos as f32,
+            sharpness: (1.0 / sigma_px) as f32,
+            half_curvature: half_curvature as f32,
+        }
     }
 
     /// How far along the edge points relative to the corner are, px, how far from the straight edge, and from the bent one.
     #[inline(always)]
-    pub fn place<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> [f64x8<S>; 3] {
+    pub fn place<S: Simd>(&self, dx: f32x16<S>, dy: f32x16<S>) -> [f32x16<S>; 3] {
         let along = self.cos * dx + self.sin * dy;
         let straight = self.cos * dy - self.sin * dx;
         [along, straight, straight - self.half_curvature * (along * along)]
@@ -35,25 +41,25 @@ impl Line {
 /// The profile of an edge and its derivatives, by cx, cy, θ, σ and what else the model has.
 pub(super) trait Edge<const D: usize> {
     /// At points relative to the corner.
-    fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; D]);
+    fn at<S: Simd>(&self, dx: f32x16<S>, dy: f32x16<S>) -> (f32x16<S>, [f32x16<S>; D]);
 }
 
 /// Parameters that all models have before those of their own: cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A.
 pub(super) const SHARED: usize = 10;
 
-/// Eight pixels about a corner.
+/// Sixteen pixels about a corner.
 pub(super) struct Crossing<S: Simd, const D: usize> {
     /// P of each edge, and its derivatives.
-    pub edges: [(f64x8<S>, [f64x8<S>; D]); 2],
+    pub edges: [(f32x16<S>, [f32x16<S>; D]); 2],
     /// x and y over the reach of the window.
-    pub place: [f64x8<S>; 2],
+    pub place: [f32x16<S>; 2],
     /// Derivatives of the value by P₁ and P₂.
-    pub weights: [f64x8<S>; 2],
-    pub contrast: f64x8<S>,
+    pub weights: [f32x16<S>; 2],
+    pub contrast: f32x16<S>,
     /// P₁P₂: 1 in two opposite quadrants, −1 in the others.
-    pub product: f64x8<S>,
+    pub product: f32x16<S>,
     /// Light without the edges.
-    pub ground: f64x8<S>,
+    pub ground: f32x16<S>,
 }
 
 impl<S: Simd, const D: usize> Crossing<S, D> {
@@ -61,9 +67,9 @@ impl<S: Simd, const D: usize> Crossing<S, D> {
     #[inline(always)]
     pub fn new<const N: usize>(
         edges: &[impl Edge<D>; 2],
-        p: &SVector<f64, N>,
-        scale: f64,
-        [x, y]: [f64x8<S>; 2],
+        p: &SVector<f32, N>,
+        scale: f32,
+        [x, y]: [f32x16<S>; 2],
     ) -> Self {
         let (dx, dy) = (x - p[0], y - p[1]);
         let edges = [edges[0].at(dx, dy), edges[1].at(dx, dy)];
@@ -81,7 +87,7 @@ impl<S: Simd, const D: usize> Crossing<S, D> {
 
     /// Derivatives by the parameters that all models have.
     #[inline(always)]
-    pub fn shared(&self) -> [f64x8<S>; SHARED] {
+    pub fn shared(&self) -> [f32x16<S>; SHARED] {
         let ([(_, d1), (_, d2)], [a, b], [u, v]) = (&self.edges, self.weights, self.place);
         [
             a * d1[0] + b * d2[0],
@@ -90,7 +96,7 @@ impl<S: Simd, const D: usize> Crossing<S, D> {
             b * d2[2],
             a * d1[3],
             b * d2[3],
-            f64x8::splat(u.simd, 1.0),
+            f32x16::splat(u.simd, 1.0),
             u,
             v,
             self.product,

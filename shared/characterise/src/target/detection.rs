@@ -47,7 +47,8 @@ pub struct DetectedPoint {
     pub covariance_px2: Matrix2<f64>,
     /// Standard deviation of the blur across the edges, px.
     pub blur_px: f64,
-    /// Both edges through a corner, each with its own blur; none of circles, and where they do not show it.
+    /// Both edges through a corner, each with its own blur; none of circles, where they do not show it, and where the settings
+    /// do not ask for it.
     pub edges: Option<[BlurredEdge; 2]>,
     /// Half difference of light and dark, DN.
     pub contrast_dn: f64,

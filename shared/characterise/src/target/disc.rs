@@ -7,8 +7,8 @@
 use super::normal::{Model, Pixels, Range, Sample};
 use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Ending, SETTLED_SIGMAS, fit};
-use fearless_simd::f64x8;
+use super::solve::{FAR, SETTLED_SIGMAS, Steps, fit};
+use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
@@ -46,28 +46,28 @@ struct Ellipse {
 }
 
 impl Model<PARAMETERS> for Ellipse {
-    type Prepared = (&'static Profile, SVector<f64, PARAMETERS>);
+    type Prepared = (&'static Profile, SVector<f32, PARAMETERS>);
 
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
-        (Profile::table(), *p)
+        (Profile::table(), p.cast())
     }
 
     #[inline(always)]
     fn evaluate<S: Simd>(
         &self,
         (profile, p): &Self::Prepared,
-        x: f64x8<S>,
-        y: f64x8<S>,
-    ) -> (f64x8<S>, [f64x8<S>; PARAMETERS]) {
+        x: f32x16<S>,
+        y: f32x16<S>,
+    ) -> (f32x16<S>, [f32x16<S>; PARAMETERS]) {
         let (dx, dy) = (x - p[0], y - p[1]);
         let (mx, my) = (p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy);
         let q = (mx * dx + my * dy).max(1e-12).sqrt();
         let length = (mx * mx + my * my).max(1e-24).sqrt();
-        let sigma = p[5].max(LEAST_BLUR_PX);
+        let sigma = p[5].max(LEAST_BLUR_PX as f32);
         let t = (q - 1.0) * q / length / sigma;
         let (profile, density) = profile.at(t);
         let density = density / sigma;
-        let scale = 1.0 / self.reach_px;
+        let scale = (1.0 / self.reach_px) as f32;
         let (u, v) = (x * scale, y * scale);
         let (nx, ny) = (mx / length, my / length);
         let (light, base) = (1.0 + p[7] * u + p[8] * v, p[6] + p[9] * profile);
@@ -77,7 +77,7 @@ impl Model<PARAMETERS> for Ellipse {
         // By s, whose scale q/|Md| is taken as constant: its change is of the order of s, where the density ends.
         let by_s = light * p[9] * density;
         let by_m = by_s / (2.0 * length);
-        let by_sigma = by_s * t * -f64::from(p[5] > LEAST_BLUR_PX);
+        let by_sigma = by_s * t * -f32::from(p[5] > LEAST_BLUR_PX as f32);
         let slope = [
             -by_s * nx,
             -by_s * ny,
@@ -109,7 +109,7 @@ pub(crate) fn refine(
     let reach_px = 2.0 * moments.trace().sqrt() + margin_px;
     let (levels, count) =
         samples.iter().fold(([0.0; 2], [0.0; 2]), |(mut sum, mut count), (sample, inside)| {
-            sum[usize::from(*inside)] += sample.value;
+            sum[usize::from(*inside)] += f64::from(sample.value);
             count[usize::from(*inside)] += 1.0;
             (sum, count)
         });
@@ -127,22 +127,16 @@ pub(crate) fn refine(
         0.0,
         0.5 * (outside - inside),
     ]);
-    let samples: Vec<Sample> = samples.into_iter().map(|(sample, _)| sample).collect();
+    let pixels: Pixels = samples.into_iter().map(|(sample, _)| sample).collect();
     // Further off than its own size it is another one.
-    let ending = Ending { settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
-    let solved = fit(
-        &Ellipse { reach_px },
-        start,
-        &Pixels::new(&samples),
-        Range::of(&samples, full_scale_dn),
-        ending,
-    )?;
+    let steps = Steps { damping: FAR, settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
+    let solved = fit(&Ellipse { reach_px }, start, &pixels, Range::of(&pixels, full_scale_dn), steps)?;
     let p = solved.parameters;
     let shape = Matrix2::new(p[2], p[3], p[3], p[4]);
     let positive = shape.determinant() > 0.0 && shape.trace() > 0.0;
     positive.then(|| Disc {
         pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
-        covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+        covariance_px2: solved.covariance_px2(),
         blur_px: p[5].max(LEAST_BLUR_PX),
         contrast_dn: p[9],
         residual_dn: solved.residual_dn,
@@ -182,9 +176,9 @@ fn samples(
             let distance = (q - 1.0) * q / m.norm().max(1e-12);
             if distance <= margin_px {
                 let sample = Sample {
-                    x: at.x - origin.x,
-                    y: at.y - origin.y,
-                    value: f64::from(image.get(column, row)),
+                    x: (at.x - origin.x) as f32,
+                    y: (at.y - origin.y) as f32,
+                    value: image.get(column, row),
                 };
                 samples.push((sample, q < 1.0));
             }

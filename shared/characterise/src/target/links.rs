@@ -36,24 +36,38 @@ pub(crate) fn grids(saddles: &[Saddle], smooth: &Raster) -> Vec<BTreeMap<(i32, i
     grids
 }
 
-/// The nearest candidate in each direction that an edge leads to.
+/// The nearest candidate in each direction that an edge leads to. Candidates are sorted from top to bottom: once all directions have
+/// one, those further up or down than the farthest are not looked at.
 fn neighbours(saddles: &[Saddle], smooth: &Raster, from: usize) -> Links {
     let here = &saddles[from];
     let mut links = [None; 4];
     let mut nearest = [f64::INFINITY; 4];
-    for (index, there) in saddles.iter().enumerate() {
+    // Whether candidates further that way may be nearer than those found.
+    let mut look = |index: usize| {
+        let there = &saddles[index];
         let way = there.pixel - here.pixel;
-        let length = way.norm();
-        if index == from || length < 3.0 {
-            continue;
+        let (length, farthest) = (way.norm(), nearest.iter().copied().fold(0.0, f64::max));
+        if length >= 3.0
+            && let Some(direction) = direction(here, &way, length)
+        {
+            let axis = direction % 2;
+            // Colours change from corner to corner: what is the first axis here is the second there.
+            let aligned = there.axes[1 - axis].dot(&way).abs() > ALIGNED * length;
+            if length < nearest[direction] && aligned && is_edge(smooth, here, there, &way, axis) {
+                nearest[direction] = length;
+                links[direction] = Some(index);
+            }
         }
-        let Some(direction) = direction(here, &way, length) else { continue };
-        let axis = direction % 2;
-        // Colours change from corner to corner: what is the first axis here is the second there.
-        let aligned = there.axes[1 - axis].dot(&way).abs() > ALIGNED * length;
-        if length < nearest[direction] && aligned && is_edge(smooth, here, there, &way, axis) {
-            nearest[direction] = length;
-            links[direction] = Some(index);
+        way.y.abs() < farthest
+    };
+    for index in from + 1..saddles.len() {
+        if !look(index) {
+            break;
+        }
+    }
+    for index in (0..from).rev() {
+        if !look(index) {
+            break;
         }
     }
     links

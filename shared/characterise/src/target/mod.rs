@@ -44,6 +44,7 @@ mod solve;
 mod spec;
 #[cfg(test)]
 mod tests;
+mod window;
 
 pub use bias::projected_circle_center_bias;
 pub use body::{FaceSighting, MAX_FACES, TargetBody, TargetFace, detect_body};

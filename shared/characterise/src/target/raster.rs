@@ -1,6 +1,7 @@
 //! Grey values as f32, smoothed and reduced, for the search of candidates.
 
 use super::error::{MAX_PIXELS, TargetError};
+use fearless_simd::{Level, dispatch};
 use fringe::frame::{FrameView, Pixels};
 use nalgebra::Point2;
 
@@ -70,33 +71,66 @@ impl Raster {
 
     /// Convolved with a Gaussian, given by one half of its kernel (centre first); the border is repeated.
     pub fn smoothed(&self, half_kernel: &[f32]) -> Self {
-        let reach = half_kernel.len() - 1;
-        let mut along = vec![0.0_f32; self.values.len()];
-        let mut padded = vec![0.0_f32; self.width + 2 * reach];
-        for (row, out) in self.values.chunks_exact(self.width).zip(along.chunks_exact_mut(self.width)) {
-            padded[..reach].fill(row[0]);
-            padded[reach..reach + self.width].copy_from_slice(row);
-            padded[reach + self.width..].fill(row[self.width - 1]);
-            for (tap, weight) in half_kernel.iter().enumerate() {
-                let (low, high) = (&padded[reach - tap..], &padded[reach + tap..]);
-                let weight = if tap == 0 { 0.5 * weight } else { *weight };
-                for ((sum, a), b) in out.iter_mut().zip(low).zip(high) {
-                    *sum += weight * (a + b);
-                }
-            }
-        }
         let mut values = vec![0.0_f32; self.values.len()];
-        for (y, out) in values.chunks_exact_mut(self.width).enumerate() {
-            for (tap, weight) in half_kernel.iter().enumerate() {
-                let row = |line: usize| &along[line * self.width..(line + 1) * self.width];
-                let (low, high) = (row(y.saturating_sub(tap)), row((y + tap).min(self.height - 1)));
-                let weight = if tap == 0 { 0.5 * weight } else { *weight };
-                for ((sum, a), b) in out.iter_mut().zip(low).zip(high) {
-                    *sum += weight * (a + b);
-                }
+        dispatch!(Level::new(), _level => self.smooth(half_kernel, &mut values));
+        Self { width: self.width, height: self.height, values }
+    }
+
+    /// Rows are smoothed along themselves as they are needed; those in reach stay in the cache.
+    #[inline(always)]
+    fn smooth(&self, half_kernel: &[f32], out: &mut [f32]) {
+        let reach = half_kernel.len() - 1;
+        let ring = 2 * reach + 1;
+        let mut along = vec![0.0_f32; ring * self.width];
+        let mut padded = vec![0.0_f32; self.width + 2 * reach];
+        let weight = |tap: usize| if tap == 0 { 0.5 * half_kernel[0] } else { half_kernel[tap] };
+        let mut done = 0;
+        for (y, out) in out.chunks_exact_mut(self.width).enumerate() {
+            while done < (y + reach + 1).min(self.height) {
+                let row = &self.values[done * self.width..(done + 1) * self.width];
+                padded[..reach].fill(row[0]);
+                padded[reach..reach + self.width].copy_from_slice(row);
+                padded[reach + self.width..].fill(row[self.width - 1]);
+                let taps: Vec<Tap> = (0..=reach)
+                    .map(|tap| (weight(tap), &padded[reach - tap..], &padded[reach + tap..]))
+                    .collect();
+                weigh(&taps, &mut along[done % ring * self.width..][..self.width]);
+                done += 1;
+            }
+            let row = |line: usize| &along[line % ring * self.width..][..self.width];
+            let taps: Vec<Tap> = (0..=reach)
+                .map(|tap| (weight(tap), row(y.saturating_sub(tap)), row((y + tap).min(self.height - 1))))
+                .collect();
+            weigh(&taps, out);
+        }
+    }
+}
+
+/// A weight, and two rows that it counts for.
+type Tap<'a> = (f32, &'a [f32], &'a [f32]);
+
+/// Pixels that are summed side by side.
+const TOGETHER: usize = 32;
+
+/// Weighted sums of the rows.
+#[inline(always)]
+fn weigh(taps: &[Tap], out: &mut [f32]) {
+    let (blocks, rest) = out.as_chunks_mut::<TOGETHER>();
+    let beyond = blocks.len() * TOGETHER;
+    for (block, out) in blocks.iter_mut().enumerate() {
+        let mut sums = [0.0; TOGETHER];
+        for (weight, low, high) in taps {
+            let (low, high) = (&low[block * TOGETHER..][..TOGETHER], &high[block * TOGETHER..][..TOGETHER]);
+            for k in 0..TOGETHER {
+                sums[k] += weight * (low[k] + high[k]);
             }
         }
-        Self { width: self.width, height: self.height, values }
+        *out = sums;
+    }
+    for (k, out) in rest.iter_mut().enumerate() {
+        *out = taps
+            .iter()
+            .fold(0.0, |sum, (weight, low, high)| sum + weight * (low[beyond + k] + high[beyond + k]));
     }
 }
 

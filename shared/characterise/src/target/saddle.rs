@@ -5,6 +5,7 @@
 //! of any clutter fail that.
 
 use super::raster::{Raster, half_gaussian};
+use fearless_simd::{Level, dispatch};
 use fringe::math::{atan2, sincos};
 use nalgebra::{Point2, Vector2};
 use std::f64::consts::{PI, TAU};
@@ -34,13 +35,19 @@ pub(crate) struct Saddle {
 /// All candidates, from top to bottom; second, the smoothed image in which they were found.
 pub(crate) fn candidates(image: &Raster, min_contrast_dn: f64) -> (Vec<Saddle>, Raster) {
     let smooth = image.smoothed(&half_gaussian(SMOOTHING_PX));
-    let mut found = peaks(&smooth, min_contrast_dn);
+    let mut found = dispatch!(Level::new(), _level => peaks(&smooth, min_contrast_dn));
+    let directions: [_; RING] = std::array::from_fn(|i| {
+        let (sin, cos) = sincos(TAU * i as f64 / RING as f64);
+        Vector2::new(cos, sin)
+    });
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut saddles: Vec<Saddle> = found
         .iter()
         .filter_map(|(index, _)| {
             let pixel = refined(&smooth, index % smooth.width, index / smooth.width)?;
-            RADII_PX.iter().find_map(|radius| ring(&smooth, pixel, *radius, min_contrast_dn))
+            RADII_PX
+                .iter()
+                .find_map(|radius| ring(&smooth, pixel, &directions.map(|d| d * *radius), min_contrast_dn))
         })
         .take(MOST)
         .collect();
@@ -61,6 +68,7 @@ fn hessian(image: &Raster, index: usize) -> [f32; 3] {
 }
 
 /// −det H of the inner pixels of a row.
+#[inline(always)]
 fn respond(smooth: &Raster, y: usize, out: &mut [f32]) {
     let (w, n) = (smooth.width, out.len());
     let pixels = |dy: usize, dx: usize| &smooth.values[(y + dy - 1) * w + dx..][..n];
@@ -74,27 +82,36 @@ fn respond(smooth: &Raster, y: usize, out: &mut [f32]) {
 }
 
 /// Local maxima of −det H: index and value.
+#[inline(always)]
 fn peaks(smooth: &Raster, min_contrast_dn: f64) -> Vec<(usize, f32)> {
     let (w, h) = (smooth.width, smooth.height);
-    let mut response = vec![0.0_f32; w * h];
-    for (y, row) in response.chunks_exact_mut(w).enumerate().take(h - 1).skip(1) {
-        respond(smooth, y, &mut row[1..w - 1]);
-    }
     // A corner of contrast A under total blur σ has Ixy = 2A/(πσ²): 0.1·A still sees one of σ = 2.5 px.
     let least = (0.1 * min_contrast_dn as f32).powi(2);
-    let mut found = Vec::new();
+    // Five rows about the one that is searched, each in its turn; the first and the last of the image have no response.
+    let mut response = vec![0.0_f32; 5 * w];
+    for y in 1..4 {
+        respond(smooth, y, &mut response[y * w + 1..(y + 1) * w - 1]);
+    }
+    let (mut found, mut highest) = (Vec::new(), vec![0.0; w]);
     for y in 2..h - 2 {
-        let row = y * w + 2..(y + 1) * w - 2;
-        for start in row.clone().step_by(STRETCH) {
-            let stretch = start..(start + STRETCH).min(row.end);
+        let last = &mut response[(y + 2) % 5 * w..][..w];
+        if y + 2 < h - 1 {
+            respond(smooth, y + 2, &mut last[1..w - 1]);
+        } else {
+            last.fill(0.0);
+        }
+        let rows = std::array::from_fn(|dy| &response[(y + dy + 3) % 5 * w..][..w]);
+        highest_of(&rows, &mut highest);
+        for start in (2..w - 2).step_by(STRETCH) {
+            let end = (start + STRETCH).min(w - 2);
             // Most stretches have nothing, and are left without a look at each pixel.
-            if response[stretch.clone()].iter().filter(|here| **here > least).count() == 0 {
+            if !has_peak(&rows[2][start..end], &highest[start - 2..end + 2], least) {
                 continue;
             }
-            for index in stretch {
-                let here = response[index];
-                if here > least && is_peak(&response, w, index, here) {
-                    found.push((index, here));
+            for x in start..end {
+                let here = rows[2][x];
+                if here > least && is_peak(&rows, x, here) {
+                    found.push((y * w + x, here));
                 }
             }
         }
@@ -102,14 +119,37 @@ fn peaks(smooth: &Raster, min_contrast_dn: f64) -> Vec<(usize, f32)> {
     found
 }
 
+/// The largest of five rows, column by column.
+#[inline(always)]
+fn highest_of(rows: &[&[f32]; 5], out: &mut [f32]) {
+    let [a, b, c, d, e] = rows.map(|row| &row[..out.len()]);
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    for x in 0..out.len() {
+        out[x] = larger(larger(larger(a[x], b[x]), larger(c[x], d[x])), e[x]);
+    }
+}
+
+/// Whether a stretch has a value beyond the least that no neighbour exceeds; `highest` begins two columns before it.
+#[inline(always)]
+fn has_peak(stretch: &[f32], highest: &[f32], least: f32) -> bool {
+    let n = stretch.len();
+    let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|shift| &highest[shift..][..n]);
+    let mut peaks = 0;
+    for x in 0..n {
+        let here = stretch[x];
+        let above = u32::from(here >= a[x]) & u32::from(here >= b[x]) & u32::from(here >= c[x]);
+        peaks += above & u32::from(here >= d[x]) & u32::from(here >= e[x]) & u32::from(here > least);
+    }
+    peaks > 0
+}
+
 /// Largest of its 5 × 5 neighbours; of equal ones the first.
-fn is_peak(response: &[f32], width: usize, index: usize, here: f32) -> bool {
-    (0..5).all(|dy| {
-        let start = index + dy * width - 2 * width - 2;
-        response[start..start + 5].iter().enumerate().all(|(dx, v)| {
-            let other = start + dx;
-            *v < here || other == index || (*v == here && other > index)
-        })
+fn is_peak(rows: &[&[f32]; 5], x: usize, here: f32) -> bool {
+    rows.iter().enumerate().all(|(dy, row)| {
+        row[x - 2..x + 3]
+            .iter()
+            .enumerate()
+            .all(|(dx, v)| *v < here || (dy, dx) == (2, 2) || (*v == here && (dy, dx) > (2, 2)))
     })
 }
 
@@ -125,12 +165,16 @@ fn refined(smooth: &Raster, x: usize, y: usize) -> Option<Point2<f64>> {
     (step.amax() <= 1.5).then(|| Point2::new(x as f64, y as f64) + step)
 }
 
-/// Looks at a ring: four sectors in turn, borders opposite each other.
-fn ring(smooth: &Raster, centre: Point2<f64>, radius_px: f64, min_contrast_dn: f64) -> Option<Saddle> {
+/// Looks at a ring of points, given from its centre: four sectors in turn, borders opposite each other.
+fn ring(
+    smooth: &Raster,
+    centre: Point2<f64>,
+    around_px: &[Vector2<f64>; RING],
+    min_contrast_dn: f64,
+) -> Option<Saddle> {
     let mut values = [0.0_f64; RING];
-    for (i, value) in values.iter_mut().enumerate() {
-        let (sin, cos) = sincos(TAU * i as f64 / RING as f64);
-        *value = f64::from(smooth.sample(centre + Vector2::new(cos, sin) * radius_px)?);
+    for (value, away) in values.iter_mut().zip(around_px) {
+        *value = f64::from(smooth.sample(centre + away)?);
     }
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -18,6 +18,8 @@ pub struct TargetSettings {
     pub window_fraction: f64,
     /// Largest reach of that window, px: longer edges average more noise, but take more time and are less straight.
     pub window_limit_px: f64,
+    /// Whether the blur of the edges through each corner is told as well: that takes as long as the corners.
+    pub edge_blur: bool,
 }
 
 impl Default for TargetSettings {
@@ -27,6 +29,7 @@ impl Default for TargetSettings {
             min_visible_fraction: 0.5,
             window_fraction: 0.45,
             window_limit_px: 14.0,
+            edge_blur: false,
         }
     }
 }

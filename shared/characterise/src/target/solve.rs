@@ -1,21 +1,36 @@
 //! Least squares of a grey-value model over the pixels of a window.
 
 use super::normal::{Model, Normal, Pixels, Range, normal};
-use nalgebra::{Cholesky, SMatrix, SVector};
+use nalgebra::{Cholesky, Const, Matrix2, SVector};
 
 /// Result of the least-squares fit.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit<const N: usize> {
     pub parameters: SVector<f64, N>,
-    /// Inverse normal matrix times the variance of the residuals.
-    pub covariance: SMatrix<f64, N, N>,
     /// Standard deviation of the residuals over the degrees of freedom, DN.
     pub residual_dn: f64,
+    normal: Cholesky<f64, Const<N>>,
 }
 
-/// When a fit ends.
+impl<const N: usize> Fit<N> {
+    /// Covariances of one parameter with all: a column of the inverse normal matrix times the variance of the residuals.
+    pub fn covariance(&self, of: usize) -> SVector<f64, N> {
+        let unit = SVector::from_fn(|i, _| f64::from(u8::from(i == of)));
+        self.normal.solve(&unit) * (self.residual_dn * self.residual_dn)
+    }
+
+    /// Covariance of the position.
+    pub fn covariance_px2(&self) -> Matrix2<f64> {
+        let [x, y] = [0, 1].map(|of| self.covariance(of));
+        Matrix2::new(x[0], y[0], x[1], y[1])
+    }
+}
+
+/// How a fit begins and when it ends.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Ending {
+pub(crate) struct Steps {
+    /// Damping of the first step: [`FAR`] or [`NEAR`].
+    pub damping: f64,
     /// Steps end with the one that moves no parameter by more than this part of its standard deviation.
     pub settled_sigmas: f64,
     /// A fit that moves the position further than this, px, has found something else.
@@ -23,10 +38,15 @@ pub(crate) struct Ending {
 }
 
 /// The end of a fit whose result counts: the step that is this small is still taken, and what it leaves adds less than 10⁻⁴ to the variance.
-pub(crate) const SETTLED_SIGMAS: f64 = 0.05;
+pub(crate) const SETTLED_SIGMAS: f64 = 0.2;
 /// Without noise a standard deviation is no measure: smaller steps than this, px, end a fit too.
 const SETTLED_PX: f64 = 2e-5;
 const MAX_STEPS: usize = 30;
+/// Damping of a first step from a start that is a guess.
+pub(crate) const FAR: f64 = 1e-3;
+/// Damping of a first step from the end of another fit: the model is linear from there, and parameters that hang together
+/// (a blur and its tails) would take several damped steps.
+pub(crate) const NEAR: f64 = 1e-8;
 /// A step with more damping than this is no step to the minimum.
 const LINEAR: f64 = 1e-2;
 
@@ -36,13 +56,13 @@ pub(crate) fn fit<const N: usize>(
     start: SVector<f64, N>,
     pixels: &Pixels,
     range: Range,
-    ending: Ending,
+    steps: Steps,
 ) -> Option<Fit<N>> {
     let mut at = start;
     let mut here = normal(model, &at, pixels, range);
     let is_near =
-        |at: &SVector<f64, N>| (at[0] - start[0]).abs().max((at[1] - start[1]).abs()) <= ending.leash_px;
-    let mut damping = 1e-3;
+        |at: &SVector<f64, N>| (at[0] - start[0]).abs().max((at[1] - start[1]).abs()) <= steps.leash_px;
+    let mut damping = steps.damping;
     for _ in 0..MAX_STEPS {
         let mut damped = here.matrix;
         for i in 0..N {
@@ -51,7 +71,7 @@ pub(crate) fn fit<const N: usize>(
         let step = Cholesky::new(damped)?.solve(&here.vector);
         let next = at + step;
         // δᵀHδ/s² bounds the square of each parameter's step in its own standard deviations; Hδ is the vector, but for damping.
-        let left = step.dot(&here.vector) / (ending.settled_sigmas * ending.settled_sigmas * here.variance());
+        let left = step.dot(&here.vector) / (steps.settled_sigmas * steps.settled_sigmas * here.variance());
         // So far within the noise the model is linear: the last step needs no look at the image.
         if left < 1.0 && damping < LINEAR {
             return is_near(&next).then(|| finish(&next, &here)).flatten();
@@ -63,7 +83,7 @@ pub(crate) fn fit<const N: usize>(
             if settled {
                 return finish(&at, &here);
             }
-            damping *= 10.0;
+            damping = (damping * 10.0).max(FAR);
             if damping > 1e8 {
                 return None;
             }
@@ -87,7 +107,7 @@ fn finish<const N: usize>(at: &SVector<f64, N>, here: &Normal<N>) -> Option<Fit<
         return None;
     }
     let variance = here.variance();
-    let covariance = Cholesky::new(here.matrix)?.inverse() * variance;
-    let finite = at.iter().chain(covariance.iter()).all(|v| v.is_finite());
-    finite.then(|| Fit { parameters: *at, covariance, residual_dn: variance.sqrt() })
+    let fit = Fit { parameters: *at, residual_dn: variance.sqrt(), normal: Cholesky::new(here.matrix)? };
+    let finite = at.iter().chain(fit.covariance_px2().iter()).all(|v| v.is_finite());
+    finite.then_some(fit)
 }

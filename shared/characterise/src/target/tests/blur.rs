@@ -31,7 +31,8 @@ fn estimate(blur_px: f64, wide: Option<(f64, [f64; 2])>, seed: u64) -> Footprint
             let mut scene = Scene::new(TargetKind::Checkerboard, 9, 6, *tilt, LENS);
             (scene.blur_px, scene.wide) = (blur_px, wide);
             let frame = scene.frame(&scene.clean(), 100 * seed + pose as u64 + 1);
-            let found = detect(&frame.view(), &scene.spec, &TargetSettings::default()).expect("detected");
+            let settings = TargetSettings { edge_blur: true, ..TargetSettings::default() };
+            let found = detect(&frame.view(), &scene.spec, &settings).expect("detected");
             found.points.iter().filter_map(|point| point.edges).flatten().collect()
         })
         .collect();
