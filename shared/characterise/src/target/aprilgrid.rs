@@ -14,7 +14,7 @@ use super::lattice::Place;
 use super::lay::{Lay, declared, enough, turned};
 use super::links::grids;
 use super::markers::{Rim, read};
-use super::raster::Raster;
+use super::raster::Image;
 use super::settings::TargetSettings;
 use super::spec::{Marking, TargetSpec};
 use nalgebra::{Point2, Vector2};
@@ -37,7 +37,7 @@ struct Tag {
 
 /// Finds the declared grid, or the part of it that the image shows.
 pub(crate) fn detect(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -64,7 +64,7 @@ pub(crate) fn detect(
 
 /// The grids of corners at one reduction, each corner fitted in the full image; and the number of single candidates.
 fn boards(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     settings: &TargetSettings,
     factor: usize,
@@ -91,7 +91,7 @@ fn narrow_steps((u, v): Place, pixel: impl Fn(&Place) -> Option<Point2<f64>>) ->
 
 /// The corners of one lattice, by the tags in its dark squares.
 fn numbered(
-    image: &Raster,
+    image: &Image,
     board: &Board,
     spec: &TargetSpec,
     marking: Marking,
@@ -132,7 +132,7 @@ fn numbered(
 }
 
 /// The tags in the dark squares of a lattice.
-fn tags(image: &Raster, board: &Board, marking: Marking, rim: usize, min_contrast_dn: f64) -> Vec<Tag> {
+fn tags(image: &Image, board: &Board, marking: Marking, rim: usize, min_contrast_dn: f64) -> Vec<Tag> {
     let tag = |(u, v): Place| {
         let corner = |du: i32, dv: i32| board.get(&(u + du, v + dv)).map(|corner| corner.pixel);
         let corners = [corner(0, 0)?, corner(1, 0)?, corner(0, 1)?, corner(1, 1)?];

@@ -1,6 +1,6 @@
 //! Candidates for circles: connected areas that differ from the light around them and fill their ellipse.
 
-use super::raster::{Raster, half_gaussian};
+use super::raster::{Grey, Image, Raster, half_gaussian};
 use nalgebra::{Matrix2, Point2};
 
 /// Smoothing before the threshold, px.
@@ -24,7 +24,7 @@ pub(crate) struct Blob {
 }
 
 /// Areas darker (or lighter) than their neighbourhood by `least_dn`, row by row.
-pub(crate) fn candidates(image: &Raster, dark: bool, part: f64, least_dn: f64) -> Vec<Blob> {
+pub(crate) fn candidates(image: &Image, dark: bool, part: f64, least_dn: f64) -> Vec<Blob> {
     let smooth = image.smoothed(&half_gaussian(SMOOTHING_PX));
     let side = image.width.min(image.height);
     let half = ((0.5 * part * side as f64) as usize).max(4);
@@ -97,7 +97,7 @@ fn areas(differs: &[bool], width: usize, most: usize) -> Vec<Vec<usize>> {
 }
 
 /// The ellipse of an area, if the area is one.
-fn ellipse(area: &[usize], image: &Raster) -> Option<Blob> {
+fn ellipse(area: &[usize], image: &Image) -> Option<Blob> {
     let count = area.len() as f64;
     let at = |index: &usize| Point2::new((index % image.width) as f64, (index / image.width) as f64);
     let sum = area.iter().map(|i| at(i).coords).fold(nalgebra::Vector2::zeros(), |a, b| a + b);

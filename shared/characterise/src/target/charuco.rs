@@ -11,7 +11,7 @@ use super::error::TargetError;
 use super::lattice::Place;
 use super::lay::{Lay, declared, enough, turned};
 use super::markers::{Marker, Rim, read};
-use super::raster::Raster;
+use super::raster::Image;
 use super::settings::TargetSettings;
 use super::spec::{Marking, TargetSpec};
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ fn square(number: usize, spec: &TargetSpec) -> Option<Place> {
 
 /// Finds the declared board, or the part of it that the image shows.
 pub(crate) fn detect(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -72,7 +72,7 @@ pub(crate) fn detect(
 
 /// The corners of one lattice, by the markers in its squares.
 fn numbered(
-    image: &Raster,
+    image: &Image,
     board: &Board,
     spec: &TargetSpec,
     marking: Marking,

@@ -7,7 +7,7 @@ use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::{Bounds, Lattice, Place, bounds_of};
 use super::links::grids;
-use super::raster::Raster;
+use super::raster::{Grey, Image, Raster};
 use super::saddle::{Saddle, candidates};
 use super::settings::TargetSettings;
 use super::spec::TargetSpec;
@@ -29,7 +29,7 @@ const STRAY_LINE: f64 = 0.25;
 
 /// Finds the declared board.
 pub(crate) fn detect(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -47,7 +47,7 @@ pub(crate) fn detect(
 }
 
 /// Reductions to try: the finest below [`SEARCH_PX`], coarser for blurred images, finer for small squares.
-pub(crate) fn factors(image: &Raster) -> Vec<usize> {
+pub(crate) fn factors(image: &Image) -> Vec<usize> {
     let pixels = image.width * image.height;
     let powers = [1, 2, 4, COARSEST];
     let first = powers.into_iter().find(|f| pixels / (f * f) <= SEARCH_PX).unwrap_or(COARSEST);
@@ -59,7 +59,7 @@ pub(crate) fn factors(image: &Raster) -> Vec<usize> {
 
 /// The boards of the declared extent at one reduction.
 fn search(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -86,7 +86,7 @@ fn search(
 
 /// All boards at one reduction, and the number of single candidates.
 pub(crate) fn boards(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -109,7 +109,7 @@ pub(crate) fn boards(
 
 /// An image with the settings of its corner fits; the saddles found at one reduction, and the smoothed image they were found in.
 pub(crate) fn looked_at<'a>(
-    image: &'a Raster,
+    image: &'a Image<'a>,
     full_scale_dn: f64,
     settings: &TargetSettings,
     factor: usize,
@@ -147,7 +147,7 @@ fn fits(bounds: Bounds, spec: &TargetSpec) -> bool {
 
 /// Whether the board runs out of the image on opposite sides: it may then be a part of a larger one. Its end is seen where
 /// the next corner beyond an outer line would lie in the image, and none does.
-fn is_endless(board: &Board, bounds: Bounds, image: &Raster) -> bool {
+fn is_endless(board: &Board, bounds: Bounds, image: &Image) -> bool {
     let in_image = |p: Point2<f64>| {
         let room = |at: f64, length: usize| at.min(length as f64 - 1.0 - at);
         room(p.x, image.width).min(room(p.y, image.height)) > LEAST_ROOM_PX

@@ -6,7 +6,7 @@ use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::disc::{Disc, refine};
 use super::error::TargetError;
 use super::lattice::{Lattice, Place, bounds_of};
-use super::raster::Raster;
+use super::raster::Image;
 use super::settings::TargetSettings;
 use super::spec::{TargetKind, TargetSpec};
 use fringe::math::statistics::median;
@@ -37,7 +37,7 @@ impl Lattice for Discs {
 
 /// Finds the declared grid: dark circles first, then light ones.
 pub(crate) fn detect(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
@@ -151,7 +151,7 @@ fn grown(
 }
 
 /// Fits the areas of a grid; `least_dn` is negative for light circles. What does not fit or lies off its row is dropped.
-fn discs(image: &Raster, full: f64, blobs: &[Blob], grid: &BTreeMap<Place, usize>, least_dn: f64) -> Discs {
+fn discs(image: &Image, full: f64, blobs: &[Blob], grid: &BTreeMap<Place, usize>, least_dn: f64) -> Discs {
     let starts =
         super::board::Starts(grid.iter().map(|(place, index)| (*place, blobs[*index].pixel)).collect());
     let mut discs = Discs::new();

@@ -9,7 +9,7 @@
 use super::crossing::{Crossing, Edge, Line, SHARED};
 use super::edge_blur::{BlurredEdge, blurred_edges};
 use super::normal::{Model, Pixels, Range, normal};
-use super::raster::Raster;
+use super::raster::Image;
 use super::solve::{FAR, NEAR, SETTLED_SIGMAS, Steps, fit};
 use super::window::{Cross, Window};
 use fearless_simd::f32x16;
@@ -33,7 +33,7 @@ const STEEPEST: f64 = 0.6;
 /// The image and how it is looked at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct View<'a> {
-    pub image: &'a Raster,
+    pub image: &'a Image<'a>,
     pub full_scale_dn: f64,
     pub min_contrast_dn: f64,
     pub window: Window,

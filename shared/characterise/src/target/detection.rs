@@ -2,7 +2,7 @@
 
 use super::edge_blur::BlurredEdge;
 use super::error::TargetError;
-use super::raster::Raster;
+use super::raster::Image;
 use super::settings::TargetSettings;
 use super::spec::{TargetKind, TargetSpec};
 use super::{aprilgrid, charuco, checkerboard, circles};
@@ -23,7 +23,7 @@ pub fn detect(
 ) -> Result<Detection, TargetError> {
     spec.check()?;
     settings.check()?;
-    let image = Raster::of_frame(frame)?;
+    let image = Image::of_frame(frame)?;
     let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
     match spec.kind {
         TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),

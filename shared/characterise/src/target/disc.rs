@@ -6,7 +6,7 @@
 
 use super::normal::{Model, Pixels, Range, Sample};
 use super::profile::Profile;
-use super::raster::Raster;
+use super::raster::{Grey, Image};
 use super::solve::{FAR, SETTLED_SIGMAS, Steps, fit};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
@@ -96,7 +96,7 @@ impl Model<PARAMETERS> for Ellipse {
 
 /// Fits an ellipse, started from a centre and the second moments of its area, px². The window reaches `margin_px` beyond it.
 pub(crate) fn refine(
-    image: &Raster,
+    image: &Image,
     full_scale_dn: f64,
     centre: Point2<f64>,
     moments: &Matrix2<f64>,
@@ -146,7 +146,7 @@ pub(crate) fn refine(
 
 /// Pixels of the ellipse and its margin, and whether each lies inside; `None` where they leave the image or are too many.
 fn samples(
-    image: &Raster,
+    image: &Image,
     origin: Point2<f64>,
     centre: Point2<f64>,
     inverse: &Matrix2<f64>,

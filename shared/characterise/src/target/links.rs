@@ -1,6 +1,6 @@
 //! Which candidate is whose neighbour: an edge of the board runs from one to the other.
 
-use super::raster::Raster;
+use super::raster::{Grey, Raster};
 use super::saddle::Saddle;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;

@@ -4,7 +4,7 @@ use super::dictionaries::{
     APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11, DICT_4X4, DICT_5X5, DICT_6X6, DICT_7X7,
     MIP_36H12, ORIGINAL,
 };
-use super::raster::Raster;
+use super::raster::{Grey, Image};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
@@ -185,7 +185,7 @@ pub(crate) struct Rim(pub usize);
 /// Reads a square given by its corners in the image at (u, v) = (0, 0), (1, 0), (0, 1), (1, 1); `None` when it holds no marker of
 /// the dictionary. `size` is the marker's side over the square's.
 pub(crate) fn read(
-    image: &Raster,
+    image: &Image,
     corners: [Point2<f64>; 4],
     size: f64,
     (dictionary, Rim(rim)): (MarkerDictionary, Rim),

@@ -4,7 +4,7 @@
 //! the ring then must show four sectors, light and dark in turn, whose borders lie opposite each other. Edges, blobs and most
 //! of any clutter fail that.
 
-use super::raster::{Raster, half_gaussian};
+use super::raster::{Grey, Raster, half_gaussian};
 use fearless_simd::{Level, dispatch};
 use fringe::math::{atan2, sincos};
 use nalgebra::{Point2, Vector2};
@@ -33,7 +33,7 @@ pub(crate) struct Saddle {
 }
 
 /// All candidates, from top to bottom; second, the smoothed image in which they were found.
-pub(crate) fn candidates(image: &Raster, min_contrast_dn: f64) -> (Vec<Saddle>, Raster) {
+pub(crate) fn candidates(image: &impl Grey, min_contrast_dn: f64) -> (Vec<Saddle>, Raster) {
     let smooth = image.smoothed(&half_gaussian(SMOOTHING_PX));
     let mut found = dispatch!(Level::new(), _level => peaks(&smooth, min_contrast_dn));
     let directions: [_; RING] = std::array::from_fn(|i| {

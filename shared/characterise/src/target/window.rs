@@ -1,7 +1,7 @@
 //! The window around a corner: the pixels near its two edges, as stretches of rows.
 
 use super::normal::{Pixels, Sample};
-use super::raster::Raster;
+use super::raster::{Grey, Image};
 use nalgebra::{Point2, Vector2};
 use std::ops::Range;
 
@@ -45,7 +45,7 @@ impl Cross {
         corner: Point2<f64>,
         [e, f]: [Vector2<f64>; 2],
         window: Window,
-        image: &Raster,
+        image: &Image,
     ) -> Option<Self> {
         let lengths = [e.norm(), f.norm()];
         let area = e.x * f.y - e.y * f.x;
@@ -86,12 +86,13 @@ impl Cross {
     }
 
     /// The pixels relative to an origin on one of them; of a thinned window every second one, as the black squares of a chessboard.
-    pub fn pixels(&self, image: &Raster, origin: Point2<f64>, thinned: bool) -> Pixels {
-        let mut pixels = Pixels::default();
+    pub fn pixels(&self, image: &Image, origin: Point2<f64>, thinned: bool) -> Pixels {
+        let (mut pixels, mut values) = (Pixels::default(), Vec::new());
         for (row, columns) in &self.stretches {
             let [x, y] = [columns.start as f64 - origin.x, *row as f64 - origin.y];
             let (skipped, step) = if thinned { (((x + y) as i64).rem_euclid(2) as usize, 2) } else { (0, 1) };
-            let values = &image.values[row * image.width..][columns.clone()];
+            values.resize(columns.len(), 0.0);
+            image.copy(*row, columns.start, &mut values);
             let mut sample = Sample { x: x as f32 + skipped as f32, y: y as f32, value: 0.0 };
             for value in values.iter().skip(skipped).step_by(step) {
                 pixels.push(Sample { value: *value, ..sample });

@@ -1,6 +1,6 @@
 //! A renderer of boards: light gathered on a fine grid, blurred, collected by pixels, with noise.
 
-use super::super::raster::{Raster, half_gaussian};
+use super::super::raster::{Grey, Raster, half_gaussian};
 use super::super::spec::{TargetKind, TargetSpec};
 use fringe::frame::{Frame, PixelBuffer};
 use fringe::geometry::camera::{Camera, Lens};
