@@ -7,7 +7,7 @@ use nalgebra::Point2;
 
 /// Grey values in rows.
 pub(crate) trait Grey {
-    /// Columns and rows.
+    /// Number of columns and of rows.
     fn size(&self) -> (usize, usize);
 
     /// One value; it must be there.
