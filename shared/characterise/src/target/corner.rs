@@ -10,7 +10,7 @@ use super::crossing::{Crossing, Edge, Line, SHARED};
 use super::edge_blur::{BlurredEdge, blurred_edges};
 use super::normal::{Model, Pixels, Range, normal};
 use super::raster::Image;
-use super::solve::{FAR, NEAR, SETTLED_SIGMAS, Steps, fit};
+use super::solve::{Ending, SETTLED_SIGMAS, fit};
 use super::window::{Cross, Window};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
@@ -169,10 +169,9 @@ pub(crate) fn refine(
         }
         None => from_scratch(&model, expected, offset, &pixels)?,
     };
-    let (damping, settled_sigmas) =
-        if first.is_some() { (NEAR, SETTLED_SIGMAS) } else { (FAR, ROUGHLY_SIGMAS) };
-    let steps = Steps { damping, settled_sigmas, leash_px: expected.leash_px };
-    let solved = fit(&model, start, &pixels, range, steps)?;
+    let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
+    let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
+    let solved = fit(&model, start, &pixels, range, ending)?;
     let p = solved.parameters;
     // Where the contrast ends within the window there is a corner of one square, not of four.
     // The same where the light would have to change that much: one dark square whose opposite is beyond full scale.
@@ -184,7 +183,7 @@ pub(crate) fn refine(
     // Where the fit ends, the blur is told once more, with its tails.
     let edges = first
         .filter(|_| view.edge_blur)
-        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &pixels, (range, steps)));
+        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &pixels, (range, ending)));
     Some(Corner {
         pixel,
         edges,

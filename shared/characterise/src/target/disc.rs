@@ -7,7 +7,7 @@
 use super::normal::{Model, Pixels, Range, Sample};
 use super::profile::Profile;
 use super::raster::{Grey, Image};
-use super::solve::{FAR, SETTLED_SIGMAS, Steps, fit};
+use super::solve::{Ending, SETTLED_SIGMAS, fit};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
@@ -129,8 +129,8 @@ pub(crate) fn refine(
     ]);
     let pixels: Pixels = samples.into_iter().map(|(sample, _)| sample).collect();
     // Further off than its own size it is another one.
-    let steps = Steps { damping: FAR, settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
-    let solved = fit(&Ellipse { reach_px }, start, &pixels, Range::of(&pixels, full_scale_dn), steps)?;
+    let ending = Ending { settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
+    let solved = fit(&Ellipse { reach_px }, start, &pixels, Range::of(&pixels, full_scale_dn), ending)?;
     let p = solved.parameters;
     let shape = Matrix2::new(p[2], p[3], p[3], p[4]);
     let positive = shape.determinant() > 0.0 && shape.trace() > 0.0;

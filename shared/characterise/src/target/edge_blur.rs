@@ -6,7 +6,7 @@
 
 use super::crossing::{Crossing, Edge, Line, SHARED};
 use super::normal::{Model, Pixels, Range};
-use super::solve::{Steps, fit};
+use super::solve::{Ending, fit};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use fringe::math::sincos;
@@ -42,7 +42,7 @@ pub(crate) fn blurred_edges(
     corner: &SVector<f64, PARAMETERS>,
     pixel: Point2<f64>,
     pixels: &Pixels,
-    (range, steps): (Range, Steps),
+    (range, ending): (Range, Ending),
 ) -> Option<[BlurredEdge; 2]> {
     let mut start = SVector::<f64, WITH_TAILS>::zeros();
     start.fixed_rows_mut::<PARAMETERS>(0).copy_from(corner);
@@ -50,7 +50,7 @@ pub(crate) fn blurred_edges(
         start[sigma] = start[sigma].max(START_PX);
     }
     let tails = Tails { reach_px, half_curvature: curvature.map(|c| 0.5 * c) };
-    let solved = fit(&tails, start, pixels, range, steps)?;
+    let solved = fit(&tails, start, pixels, range, ending)?;
     let edge = |i: usize| {
         let (sin, cos) = sincos(solved.parameters[2 + i]);
         BlurredEdge {
