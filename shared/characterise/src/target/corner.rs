@@ -30,6 +30,7 @@ const START_BLUR_PX: f64 = 1.0;
 const LEAST_BLUR_PX: f64 = 0.4;
 /// Largest change of the contrast and of the light from the middle of a window to its rim, as a part of the contrast.
 const STEEPEST: f64 = 0.6;
+
 /// The image and how it is looked at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct View<'a> {

@@ -140,3 +140,77 @@ fn carried(frame: &[Vector2<f64>; 2], there: &Saddle) -> [Vector2<f64>; 2] {
     let named = if direct > crossed { there.axes } else { [there.axes[1], there.axes[0]] };
     [0, 1].map(|i| if frame[i].dot(&named[i]) < 0.0 { -named[i] } else { named[i] })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point2;
+    use proptest::prelude::*;
+
+    const PITCH_PX: f64 = 12.0;
+    const SIDE: i32 = 7;
+
+    /// A checkerboard turned about the middle of a picture, and those of its corners that are kept, from top to bottom.
+    fn scene(turn: f64, kept: &[bool]) -> (Vec<Saddle>, Raster) {
+        let (width, height) = (160_usize, 160_usize);
+        let (sin, cos) = fringe::math::sincos(turn);
+        let (u, v) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
+        let middle = Vector2::new(80.0, 80.0);
+        let value = |index: usize| {
+            let d = Vector2::new((index % width) as f64, (index / width) as f64) - middle;
+            let square = [u, v].map(|axis| (axis.dot(&d) / PITCH_PX).floor() as i64);
+            if (square[0] + square[1]).rem_euclid(2) == 0 { 150.0 } else { 50.0 }
+        };
+        let values = (0..width * height).map(value).collect();
+        let half = SIDE / 2;
+        let places = (-half..=half).flat_map(|j| (-half..=half).map(move |i| (i, j)));
+        let saddle = |((i, j), _): ((i32, i32), &bool)| Saddle {
+            pixel: Point2::from(middle + (u * f64::from(i) + v * f64::from(j)) * PITCH_PX),
+            axes: if (i + j) % 2 == 0 { [u, v] } else { [v, -u] },
+            contrast_dn: 50.0,
+        };
+        let mut saddles: Vec<Saddle> = places.zip(kept).filter(|(_, kept)| **kept).map(saddle).collect();
+        saddles.sort_by(|a, b| a.pixel.y.total_cmp(&b.pixel.y).then(a.pixel.x.total_cmp(&b.pixel.x)));
+        (saddles, Raster { width, height, values })
+    }
+
+    /// The distances of the neighbours, by a look at all candidates.
+    fn by_all(saddles: &[Saddle], smooth: &Raster, from: usize) -> [f64; 4] {
+        let (here, mut nearest) = (&saddles[from], [f64::INFINITY; 4]);
+        for there in saddles {
+            let way = there.pixel - here.pixel;
+            let length = way.norm();
+            let Some(direction) = direction(here, &way, length).filter(|_| length >= 3.0) else { continue };
+            let axis = direction % 2;
+            let aligned = there.axes[1 - axis].dot(&way).abs() > ALIGNED * length;
+            if aligned && is_edge(smooth, here, there, &way, axis) {
+                nearest[direction] = nearest[direction].min(length);
+            }
+        }
+        nearest
+    }
+
+    proptest! {
+        /// Proves: leaving out the rows that lie too far away leaves out no neighbour.
+        #[test]
+        fn the_nearest_rows_have_the_neighbours_of_all(
+            turn in 0.0_f64..6.3,
+            kept in prop::collection::vec(prop::bool::weighted(0.8), (SIDE * SIDE) as usize),
+        ) {
+            let (saddles, smooth) = scene(turn, &kept);
+            for from in 0..saddles.len() {
+                let length = |link: Option<usize>| {
+                    link.map_or(f64::INFINITY, |to| (saddles[to].pixel - saddles[from].pixel).norm())
+                };
+                prop_assert_eq!(neighbours(&saddles, &smooth, from).map(length), by_all(&saddles, &smooth, from));
+            }
+        }
+    }
+
+    #[test]
+    fn a_whole_board_hangs_together() {
+        let (saddles, smooth) = scene(0.3, &[true; (SIDE * SIDE) as usize]);
+        let sizes: Vec<usize> = grids(&saddles, &smooth).iter().map(BTreeMap::len).collect();
+        assert_eq!(sizes, [(SIDE * SIDE) as usize]);
+    }
+}

@@ -138,7 +138,7 @@ impl Grey for Raster {
     }
 }
 
-/// Adds the means of blocks of N values, times N, times a scale.
+/// Adds the sums of blocks of N values, times a scale.
 #[inline(always)]
 fn add_blocks<const N: usize>(line: &[f32], scale: f32, sums: &mut [f32]) {
     for (sum, block) in sums.iter_mut().zip(line.as_chunks::<N>().0) {

@@ -18,7 +18,7 @@ pub struct TargetSettings {
     pub window_fraction: f64,
     /// Largest reach of that window, px: longer edges average more noise, but take more time and are less straight.
     pub window_limit_px: f64,
-    /// Whether the blur of the edges through each corner is told as well: that takes as long as the corners.
+    /// Whether the blur of the edges through each corner is told as well: that takes a third more time.
     pub edge_blur: bool,
 }
 

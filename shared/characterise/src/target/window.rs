@@ -133,3 +133,59 @@ fn joined(a: Range<usize>, b: Range<usize>) -> [Range<usize>; 2] {
     }
     if a.start < b.start { [a, b] } else { [b, a] }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::frame::{FrameView, Pixels};
+    use proptest::prelude::*;
+
+    const SIZE_PX: (u32, u32) = (60, 50);
+
+    proptest! {
+        /// Proves: the stretches hold the pixels within the reach of both edges and the band of one, as asking pixel by pixel
+        /// tells; what lies on a border within rounding may go either way.
+        #[test]
+        fn the_stretches_are_what_asking_each_pixel_tells(
+            (x, y) in (0.0_f64..60.0, 0.0_f64..50.0),
+            angles in [0.0_f64..6.3, 0.4_f64..2.7],
+            lengths in [4.0_f64..50.0, 4.0_f64..50.0],
+            upright in any::<bool>(),
+        ) {
+            let frame = vec![0; (SIZE_PX.0 * SIZE_PX.1) as usize];
+            let (pixels, (width_px, height_px)) = (Pixels::Mono8(&frame), SIZE_PX);
+            let image = Image::of_frame(&FrameView { width_px, height_px, full_scale_dn: 255, pixels }).unwrap();
+            // Edges along rows and columns divide by nothing.
+            let first = if upright { 0.0 } else { angles[0] };
+            let second = if upright { std::f64::consts::FRAC_PI_2 } else { first + angles[1] };
+            let along = [(first, lengths[0]), (second, lengths[1])].map(|(angle, length)| {
+                let (sin, cos) = fringe::math::sincos(angle);
+                Vector2::new(cos, sin) * length
+            });
+            let window = Window { fraction: 0.45, limit_px: 14.0, band: Band::WIDE };
+            let Some(cross) = Cross::about(Point2::new(x, y), along, window, &image) else { return Ok(()) };
+            let (area, [e, f]) = (along[0].perp(&along[1]), along);
+            let ways = |d: Vector2<f64>| [d.perp(&f) / area * lengths[0], e.perp(&d) / area * lengths[1]];
+            let within = |d: Vector2<f64>, slack: f64| {
+                let way = ways(d).map(f64::abs);
+                let near = (area / lengths[0] / lengths[1]).abs();
+                let reach = lengths.map(|l| (0.45 * l).min(14.0) + slack);
+                let band = lengths.map(|l| (0.22 * l).clamp(4.5, 7.0) + slack);
+                let inside = way[0] <= reach[0] && way[1] <= reach[1];
+                inside && (way[1] * near <= band[1] || way[0] * near <= band[0])
+            };
+            for row in 0..SIZE_PX.1 as usize {
+                let held: Vec<usize> =
+                    cross.stretches.iter().filter(|(r, _)| *r == row).flat_map(|(_, c)| c.clone()).collect();
+                prop_assert!(held.is_sorted_by(|a, b| a < b), "{held:?}");
+                for column in 0..SIZE_PX.0 as usize {
+                    let d = Vector2::new(column as f64 - x, row as f64 - y);
+                    let is_held = held.contains(&column);
+                    prop_assert!(!is_held || within(d, 1e-6), "({column}, {row}) is too much");
+                    prop_assert!(is_held || !within(d, -1e-6), "({column}, {row}) is missing");
+                }
+            }
+            prop_assert!(cross.count() > 0);
+        }
+    }
+}

@@ -96,7 +96,7 @@ impl Grid {
     }
 
     /// Key of a cell so many cells further along x and y, less its own key.
-    pub fn row_offset(&self, dx: i64, dy: i64) -> i64 {
+    fn row_offset(&self, dx: i64, dy: i64) -> i64 {
         (dx << (self.bits[1] + self.bits[2])) + (dy << self.bits[2])
     }
 }
