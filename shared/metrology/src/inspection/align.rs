@@ -100,7 +100,7 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Pla
         .iter()
         .map(|i| Region::new(&plan.elements[*i], REACH_MARGINS * plan.elements[*i].margin_mm, 0.0))
         .collect();
-    let gathered = gather(cloud, 1, &coarse.inverse(), &regions);
+    let gathered = gather(cloud, &coarse.inverse(), &regions);
     let mut world_from_part = coarse;
     let mut moved_mm = f64::INFINITY;
     for round in 1..=FINE_ROUNDS {
@@ -180,6 +180,9 @@ fn search(
     cloud: &[Point],
 ) -> Result<Pose, MeasureError> {
     let stride = cloud.len().div_ceil(COARSE_POINTS).max(1);
+    // Each round looks at them: side by side they are read once from a cloud that no cache holds.
+    let thinned: Vec<Point> =
+        (0..cloud.len().div_ceil(stride)).into_par_iter().map(|number| cloud[number * stride]).collect();
     let indices = element_indices(datums);
     let narrowest = indices.iter().map(|i| plan.elements[*i].margin_mm).fold(f64::INFINITY, f64::min);
     let mut pose = placed;
@@ -191,7 +194,7 @@ fn search(
             .map(|i| &plan.elements[*i])
             .map(|e| Region::new(e, margin_mm.max(e.margin_mm), widen_rad))
             .collect();
-        let samples = gather(cloud, stride, &pose.inverse(), &regions);
+        let samples = gather(&thinned, &pose.inverse(), &regions);
         let found = find_datums(datums, &indices, nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let needs = (element.min_points / stride).max(COARSE_LEAST);

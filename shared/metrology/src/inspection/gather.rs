@@ -37,24 +37,18 @@ impl Sample {
     }
 }
 
-/// One pass over every `stride`-th point of a cloud: those near each region, in the part frame, in the order of the cloud.
-pub(super) fn gather(
-    cloud: &[Point],
-    stride: usize,
-    part_from_world: &Pose,
-    regions: &[Region],
-) -> Vec<Vec<Sample>> {
+/// One pass over a cloud: the points near each region, in the part frame, in the order of the cloud.
+pub(super) fn gather(cloud: &[Point], part_from_world: &Pose, regions: &[Region]) -> Vec<Vec<Sample>> {
     let bounds: Vec<Option<Bounds>> = regions.iter().map(Region::bounds).collect();
-    let taken = cloud.len().div_ceil(stride);
     // The parts are cut by the length of the cloud alone, so their order is that of the cloud on any number of threads.
-    let length = taken.div_ceil(PARTS).max(1);
+    let length = cloud.len().div_ceil(PARTS).max(1);
     let part = |number: usize| {
         let mut lists: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::new()).collect();
-        let range = (number * length).min(taken)..((number + 1) * length).min(taken);
+        let range = (number * length).min(cloud.len())..((number + 1) * length).min(cloud.len());
         let mut stretch = Stretch::new();
         for first in range.clone().step_by(STRETCH) {
-            let numbers = first..(first + STRETCH).min(range.end);
-            stretch.fill(numbers.map(|number| Vector3::from(cloud[number * stride].position_mm)));
+            let points = &cloud[first..(first + STRETCH).min(range.end)];
+            stretch.fill(points.iter().map(|point| Vector3::from(point.position_mm)));
             stretch.transform(part_from_world);
             let about = stretch.bounds();
             for ((region, bounds), list) in regions.iter().zip(&bounds).zip(&mut lists) {
@@ -68,13 +62,11 @@ pub(super) fn gather(
                 while held != 0 {
                     let number = held.trailing_zeros() as usize;
                     held &= held - 1;
-                    let index = (first + number) * stride;
-                    let normal = part_from_world.rotation * cloud[index].normal_vector();
                     list.push(Sample {
-                        index: index as u32,
-                        sigma_mm: cloud[index].sigma_mm,
+                        index: (first + number) as u32,
+                        sigma_mm: points[number].sigma_mm,
                         position: stretch.position(number),
-                        normal,
+                        normal: part_from_world.rotation * points[number].normal_vector(),
                     });
                 }
             }
