@@ -8,17 +8,16 @@ const MAX_CELLS: f64 = 2_097_000.0;
 /// Cells are larger than the radius by this part of it: rounding then parts no neighbours by more than one cell.
 const WIDER: f64 = 1.0 + 1e-9;
 
-/// A box that holds points, mm, and how many.
+/// A box that holds points, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extent {
     low_mm: [f64; 3],
     high_mm: [f64; 3],
-    pub points: usize,
 }
 
 impl Default for Extent {
     fn default() -> Self {
-        Self { low_mm: [f64::INFINITY; 3], high_mm: [f64::NEG_INFINITY; 3], points: 0 }
+        Self { low_mm: [f64::INFINITY; 3], high_mm: [f64::NEG_INFINITY; 3] }
     }
 }
 
@@ -27,10 +26,9 @@ impl Extent {
     pub fn of(points: &[Point]) -> Self {
         let mut extent = Self::default();
         for point in points.iter().filter(|p| is_finite(p)) {
-            extent.points += 1;
-            for axis in 0..3 {
-                extent.low_mm[axis] = extent.low_mm[axis].min(point.position_mm[axis]);
-                extent.high_mm[axis] = extent.high_mm[axis].max(point.position_mm[axis]);
+            for (axis, value) in point.position_mm.into_iter().enumerate() {
+                extent.low_mm[axis] = extent.low_mm[axis].min(value);
+                extent.high_mm[axis] = extent.high_mm[axis].max(value);
             }
         }
         extent
@@ -42,7 +40,6 @@ impl Extent {
             self.low_mm[axis] = self.low_mm[axis].min(other.low_mm[axis]);
             self.high_mm[axis] = self.high_mm[axis].max(other.high_mm[axis]);
         }
-        self.points += other.points;
         self
     }
 }

@@ -148,7 +148,10 @@ impl Fuser {
         settings: &FusionSettings,
         out: &mut Vec<Point>,
     ) -> &FusionReport {
-        clear_and_reserve(out, count(clouds));
+        // Points of a call before may stay: all are written over.
+        if out.capacity() < count(clouds) {
+            clear_and_reserve(out, count(clouds));
+        }
         out.resize(count(clouds), bytemuck::Zeroable::zeroed());
         self.fuse_all(clouds, settings, out);
         out.truncate(self.report.points as usize);
@@ -173,14 +176,11 @@ impl Fuser {
     fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, out: &mut [Point]) {
         self.cut(clouds);
         self.report.radius_mm = 0.0;
-        self.pieces.par_iter_mut().for_each(|piece| piece.extent = Extent::of(piece.points(clouds)));
-        let extent = self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent));
         let wanted = settings.radius_mm.filter(|r| *r > 0.0);
-        let radius_mm = wanted.unwrap_or_else(|| self.radius(clouds, extent.points));
+        let radius_mm = wanted.unwrap_or_else(|| self.radius(clouds));
+        let extent = self.look(clouds, radius_mm, settings.min_neighbours);
         let grid = Grid::over(&extent, radius_mm);
         self.per_cloud.resize_with(self.per_cloud.len().max(clouds.len()), Cells::default);
-        clear_and_reserve(&mut self.keep, count(clouds));
-        self.keep.resize(count(clouds), false);
         if let Some(grid) = &grid {
             self.report.radius_mm = radius_mm;
             self.per_cloud.par_iter_mut().zip(clouds).for_each(|(cells, cloud)| cells.fill(grid, cloud));
@@ -214,10 +214,9 @@ impl Fuser {
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
-    /// `finite`: number of points that have a place.
-    fn radius(&mut self, clouds: &[&[Point]], finite: usize) -> f64 {
-        let stride = (finite / SPACING_SAMPLES).max(1);
-        clear_and_reserve(&mut self.spacings, finite / stride + clouds.len());
+    fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
+        let stride = (count(clouds) / SPACING_SAMPLES).max(1);
+        clear_and_reserve(&mut self.spacings, count(clouds) / stride + clouds.len());
         for cloud in clouds {
             let neighbours =
                 cloud.windows(2).step_by(stride).filter(|w| w[1].pixel == w[0].pixel.wrapping_add(1));
@@ -229,7 +228,21 @@ impl Fuser {
         median.map_or(1.0, |spacing| RADIUS_PER_SPACING * spacing)
     }
 
-    /// Marks the points that are not isolated.
+    /// The first look at all points: the box that holds them, and which have enough neighbours beside them in the list.
+    fn look(&mut self, clouds: &[&[Point]], radius_mm: f64, min_neighbours: u32) -> Extent {
+        let limit = radius_mm * radius_mm;
+        clear_and_reserve(&mut self.keep, count(clouds));
+        self.keep.resize(count(clouds), false);
+        for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
+            piece.extent = Extent::of(piece.points(clouds));
+            for (index, keep) in (piece.first..piece.end).zip(keep) {
+                *keep = has_beside(clouds[piece.cloud], index, limit, min_neighbours);
+            }
+        });
+        self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent))
+    }
+
+    /// Marks the other points that are not isolated.
     fn mark(&mut self, clouds: &[&[Point]], grid: &Grid, radius_mm: f64, min_neighbours: u32) {
         let limit = radius_mm * radius_mm;
         let per_cloud = &self.per_cloud[..clouds.len()];
@@ -237,7 +250,7 @@ impl Fuser {
             let cloud = clouds[piece.cloud];
             let mut found = Found::default();
             for (index, keep) in (piece.first..piece.end).zip(keep.iter_mut()) {
-                *keep = has_beside(cloud, index, limit, min_neighbours)
+                *keep = *keep
                     || (is_finite(&cloud[index])
                         && has_around(
                             (per_cloud, piece.cloud),
