@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::text_buffer::shorten;
 use anyhow::{Context, Result, anyhow};
 use cell::Cell;
-use cell::schedule::{FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work};
+use cell::schedule::{FRAME_BUFFER, Half, Kind, Order, SUPERVISOR, Topic, Work};
 use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::cell::CellName;
@@ -38,6 +38,8 @@ pub struct StageContext {
     pub(super) node: Node,
     /// Path prefix of the cell's shared memory.
     segments: String,
+    /// Whether its buffers were put on large pages.
+    on_large_pages: bool,
     order: Order,
     gates: SequenceGates,
     /// Notifiers of the stages that wait for this one: for its core, or for its outputs.
@@ -57,6 +59,9 @@ pub struct StageContext {
 /// time, or within 20 ms. A notification costs the next activation on the same core about 50 µs. The number is half of the
 /// frame buffer, so that the buffer of the supervisor never fills.
 const REPORTS_PER_NOTIFICATION: usize = FRAME_BUFFER / 2;
+
+/// What fusion and inspection of a million points need while they work, bytes.
+const ROOM: usize = 64 << 20;
 
 /// Report of an activation, beside its output.
 #[derive(Debug, Clone, Copy, Default)]
@@ -109,12 +114,29 @@ impl StageContext {
             supervisor,
             node,
             segments: name.segments(),
+            on_large_pages: false,
             idle_since_ns: now_ns(),
             usage: Usage::now(),
             allocations: allocations(),
             messages: loans(),
             send_ns: 0,
         })
+    }
+
+    /// Puts the buffers of this stage on large pages, where there are some; without them it only is slower. Call it after connecting: all buffers are
+    /// there, and nobody has populated them yet. Empty pages are put together at once; full ones would be copied, so that nothing happens when another
+    /// stage connects again.
+    pub fn use_large_pages(&mut self) {
+        if std::mem::replace(&mut self.on_large_pages, true) {
+            return;
+        }
+        let begin = now_ns();
+        // These two need memory by the number of points, when they see them.
+        let by_points = matches!(self.cell.schedule.stages[self.stage].kind, Kind::Fusion | Kind::Inspection);
+        let room = if by_points { ROOM } else { 0 };
+        let bytes = ipc::large_pages::use_large_pages(&self.segments, room).unwrap_or(0);
+        let ms = (now_ns() - begin) / 1_000_000;
+        tracing::debug!(bytes, ms, "buffers on large pages");
     }
 
     /// Populates all shared memory of this stage, to avoid page faults later. Call it after connecting: only then all of it

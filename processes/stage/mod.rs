@@ -40,6 +40,7 @@ pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> 
                 Command::Shutdown => return Ok(()),
                 Command::Connect => {
                     worker.connect()?;
+                    context.use_large_pages();
                     context.ready(cycle)?;
                 }
                 Command::Populate => {

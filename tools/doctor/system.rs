@@ -24,6 +24,7 @@ pub(super) fn checks(cell: Option<&LoadedCell>, config: &str) -> Vec<Check> {
         check_shared_memory(cell, os::free_bytes(Path::new(SHARED_MEMORY)).map_err(|e| e.to_string())),
         check_priority(cell, &read("/proc/self/limits"), &read("/proc/self/status")),
         check_locking(cell),
+        check_large_pages(&read("/sys/kernel/mm/transparent_hugepage/enabled")),
         check_governor(&governors()),
         check_receive_buffer(cell, read("/proc/sys/net/core/rmem_max").trim().parse().ok()),
     ]
@@ -101,6 +102,20 @@ fn check_locking(cell: Option<&LoadedCell>) -> Check {
     }
 }
 
+/// `enabled`: what the kernel says, the choice in brackets.
+fn check_large_pages(enabled: &str) -> Check {
+    let name = "large pages";
+    if enabled.is_empty() {
+        return Check::new(name, State::Unknown, "this kernel makes none");
+    }
+    if !enabled.contains("[never]") {
+        return Check::new(name, State::Good, "buffers lie on pages of 2 MB where some are free");
+    }
+    let mend = "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled";
+    Check::new(name, State::Warning, "switched off: the first use of a buffer after a pause takes longer")
+        .mended_by("madvise", mend)
+}
+
 /// The governor of every core that has one.
 fn governors() -> Vec<String> {
     let cores = std::fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
@@ -166,6 +181,10 @@ mod tests {
         assert!(save.state == State::Warning && save.mend.is_some_and(|mend| mend.contains("cpupower")));
         assert_eq!(check_governor(&["performance".into()]).state, State::Good);
         assert_eq!(check_cores(None, 1, "cell.toml").state, State::Warning);
+        let never = check_large_pages("always madvise [never]\n");
+        assert!(never.state == State::Warning && never.mend.is_some_and(|mend| mend.contains("madvise")));
+        assert_eq!(check_large_pages("always [madvise] never\n").state, State::Good);
+        assert_eq!(check_large_pages("").state, State::Unknown);
     }
 
     #[test]

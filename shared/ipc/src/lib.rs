@@ -7,7 +7,7 @@
 //! - [`link`]: messages to the other hosts of a cell, over iceoryx2's link; only with the feature `hosts`.
 //! - [`cell`]: the runtime folder of a cell: its lock, its files, its part of `/dev/shm`.
 //! - [`sequence`]: the order of the activations on each core.
-//! - [`os`]: system calls that the standard library does not offer.
+//! - [`os`]: system calls that the standard library does not offer; [`large_pages`]: pages of 2 MB for the buffers of a stage.
 //!
 //! # Transport rules
 //! - Lossless: a full buffer blocks the sender up to a deadline; then the send fails. No message is overwritten or dropped.
@@ -18,6 +18,7 @@
 pub mod cell;
 pub mod error;
 pub mod header;
+pub mod large_pages;
 pub mod link;
 pub mod long_text;
 pub mod os;

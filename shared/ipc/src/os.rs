@@ -91,6 +91,8 @@ pub fn keep_freed_memory() {
         // Both limits are dynamic by default and end at 32 MB; large buffers would be mapped and unmapped in each cycle.
         libc::mallopt(libc::M_MMAP_THRESHOLD, 1 << 30);
         libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
+        // One heap for all threads: what one of them frees the others use again.
+        libc::mallopt(libc::M_ARENA_MAX, 1);
     }
 }
 
