@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Diameters of small spheres in pictures that another program draws: error, scatter and error over stated uncertainty.
 
-    second_simulation.py FRINGETOOL FOLDER [--placements N] [--first N] [--no-noise] [--estimate] [--incidence DEG]
+    second_simulation.py FRINGETOOL FOLDER [--placements N] [--first N] [--no-noise] [--estimate] [--incidence DEG] [--period PX] [--steps N]
 
 Nothing of the program is used but its file formats. Rays are cast through pinholes with one radial coefficient; light is gathered at 4 x 4 places of each
 pixel and spread by a Gaussian that differs from camera to camera (0.35 to 0.70 px) and grows towards the corners; the projector's levels have
@@ -29,7 +29,6 @@ CAMERAS = {
 PAIRS = {"beside": ("cam1", "cam2"), "azimuth1": ("cam3", "cam1"), "azimuth2": ("cam3", "cam2")}
 DIAMETER = 20.0
 CENTRES = np.array([[-14.0, -13.0, 2.0], [15.0, -9.0, -3.0], [-2.0, 15.0, 6.0]])
-PERIOD, STEPS, BITS, STRIPE = 16.0, 10, 7, 8.0
 FINE, REACH = 4, 3
 READ_DN, GAIN_DN, WHITE_DN = 0.4, 0.024, 190.0
 
@@ -98,13 +97,27 @@ def lit(points, normals, light, centres, radius):
     return np.where(shade, 0.0, np.maximum(cosine, 0.0)) * (500.0 / far) ** 2
 
 
-def patterns():
+class Sequence:
+    """Fringes of so many columns in so many steps, and a Gray code of stripes of half a fringe."""
+
+    def __init__(self, period, steps):
+        self.period, self.steps, self.stripe = period, steps, period / 2
+        self.bits = math.ceil(math.log2(PROJECTOR[0] / self.stripe))
+
+    def toml(self):
+        return (
+            f'sequence = [\n  {{ set = "sine", axis = "x", period_px = {self.period}, steps = {self.steps} }},\n'
+            f'  {{ set = "gray", axis = "x", bits = {self.bits}, stripe_px = {self.stripe} }},\n  {{ set = "white" }}, {{ set = "black" }},\n]\n'
+        )
+
+
+def patterns(sequence):
     """Light over the projector's columns of each frame, at 32 places of a column, from half a column before the first."""
     columns = np.arange(PROJECTOR[0])
-    frames = [0.5 + 0.5 * np.cos(2 * np.pi * (columns / PERIOD - i / STEPS)) for i in range(STEPS)]
-    stripe = (columns // STRIPE).astype(int)
+    frames = [0.5 + 0.5 * np.cos(2 * np.pi * (columns / sequence.period - i / sequence.steps)) for i in range(sequence.steps)]
+    stripe = (columns // sequence.stripe).astype(int)
     gray = stripe ^ (stripe >> 1)
-    frames += [(gray >> (BITS - 1 - bit)) & 1 for bit in range(BITS)]
+    frames += [(gray >> (sequence.bits - 1 - bit)) & 1 for bit in range(sequence.bits)]
     frames += [np.ones(PROJECTOR[0]), np.zeros(PROJECTOR[0])]
     out = []
     kernel = np.exp(-0.5 * (np.arange(-128, 129) / 32 / 0.6) ** 2)
@@ -199,7 +212,7 @@ def rig(eyes, light, estimate, one_value):
     return text
 
 
-def recording(folder, eyes, light, table, centres, rng, noise):
+def recording(folder, eyes, light, sequence, table, centres, rng, noise):
     os.makedirs(folder, exist_ok=True)
     for name, (_, _, _, sigma, growth) in CAMERAS.items():
         place = f"{folder}/frames/proj1/{name}"
@@ -209,9 +222,7 @@ def recording(folder, eyes, light, table, centres, rng, noise):
     names = ", ".join(f'"{name}"' for name in CAMERAS)
     with open(f"{folder}/recording.toml", "w") as file:
         file.write(
-            f'format = "fringecell-recording/1"\n[[projector]]\nname = "proj1"\nwidth_px = {PROJECTOR[0]}\nheight_px = {PROJECTOR[1]}\ncameras = [{names}]\n'
-            f'sequence = [\n  {{ set = "sine", axis = "x", period_px = {PERIOD}, steps = {STEPS} }},\n'
-            f'  {{ set = "gray", axis = "x", bits = {BITS}, stripe_px = {STRIPE} }},\n  {{ set = "white" }}, {{ set = "black" }},\n]\n'
+            f'format = "fringecell-recording/1"\n[[projector]]\nname = "proj1"\nwidth_px = {PROJECTOR[0]}\nheight_px = {PROJECTOR[1]}\ncameras = [{names}]\n{sequence.toml()}'
         )
 
 
@@ -228,7 +239,7 @@ def plan(path, centres):
         file.write(text)
 
 
-def configuration(path, rig_path, incidence):
+def configuration(path, rig_path, sequence, incidence):
     """What `reconstruct` needs to leave out points seen more steeply than that."""
     cameras = "".join(f'[[camera]]\nname = "{name}"\ndriver = "twin"\n' for name in CAMERAS)
     names = ", ".join(f'"{name}"' for name in CAMERAS)
@@ -236,9 +247,7 @@ def configuration(path, rig_path, incidence):
     with open(path, "w") as file:
         file.write(
             f'format = "fringecell-config/1"\nname = "second"\nrig = "{os.path.basename(rig_path)}"\n[[projector]]\nname = "proj1"\ndriver = "twin"\n'
-            f"width_px = {PROJECTOR[0]}\nheight_px = {PROJECTOR[1]}\ncameras = [{names}]\n"
-            f'sequence = [\n  {{ set = "sine", axis = "x", period_px = {PERIOD}, steps = {STEPS} }},\n'
-            f'  {{ set = "gray", axis = "x", bits = {BITS}, stripe_px = {STRIPE} }},\n  {{ set = "white" }}, {{ set = "black" }},\n]\n'
+            f"width_px = {PROJECTOR[0]}\nheight_px = {PROJECTOR[1]}\ncameras = [{names}]\n{sequence.toml()}"
             f'{cameras}[twin]\nscene = "{scene}"\n[matching.surface]\nmax_incidence_deg = {incidence}\n'
         )
 
@@ -251,16 +260,21 @@ def main():
     parser.add_argument("--estimate", action="store_true")
     parser.add_argument("--one-value", action="store_true", help="state the footprint as its mean over the field only")
     parser.add_argument("--incidence", type=float, default=70.0, help="max_incidence_deg of the reconstruction")
+    parser.add_argument("--period", type=float, default=16.0, help="columns of a fringe")
+    parser.add_argument("--steps", type=int, default=10)
     args = parser.parse_args()
+    sequence = Sequence(args.period, args.steps)
     os.makedirs(args.folder, exist_ok=True)
     eyes = {name: Eye(a, e, SIZE, FOCAL, k1) for name, (a, e, k1, _, _) in CAMERAS.items()}
     light = Eye(0.0, 48.0, PROJECTOR, PROJECTOR_FOCAL, 0.0)
-    table = patterns()
+    table = patterns(sequence)
     rig_path = f"{args.folder}/{'estimate' if args.estimate else 'rig'}.toml"
     with open(rig_path, "w") as file:
         file.write(rig(eyes, light, args.estimate, args.one_value))
-    configuration(f"{args.folder}/cell.toml", rig_path, args.incidence)
-    found = {pair: [] for pair in PAIRS}
+    configuration(f"{args.folder}/cell.toml", rig_path, sequence, args.incidence)
+    # Each pair alone, and all of them fused.
+    clouds = {**{pair: ("--pair", pair) for pair in PAIRS}, "fused": ()}
+    found = {cloud: [] for cloud in clouds}
     for number in range(args.first, args.first + args.placements):
         rng = np.random.default_rng(number)
         angle, shift = rng.uniform(0, 2 * np.pi), rng.uniform(-12, 12, 3)
@@ -268,24 +282,24 @@ def main():
         centres = CENTRES @ turn.T + shift
         folder = f"{args.folder}/p{number}"
         if not (args.keep and os.path.exists(f"{folder}/recording.toml")):
-            recording(folder, eyes, light, table, centres, rng, not args.no_noise)
+            recording(folder, eyes, light, sequence, table, centres, rng, not args.no_noise)
         plan(f"{folder}.plan.toml", centres)
-        for pair in PAIRS:
-            ply, out = f"{folder}-{pair}.ply", f"{folder}-{pair}.json"
-            run(args.fringetool, "reconstruct", "--config", f"{args.folder}/cell.toml", "--pair", pair, "--out", ply, "--force", folder)
+        for cloud, pair in clouds.items():
+            ply, out = f"{folder}-{cloud}.ply", f"{folder}-{cloud}.json"
+            run(args.fringetool, "reconstruct", "--config", f"{args.folder}/cell.toml", *pair, "--out", ply, "--force", folder)
             run(args.fringetool, "measure", f"{folder}.plan.toml", ply, "--json", out, "--force", verdicts=(0, 1))
             with open(out) as file:
                 features = json.load(file)["features"]
             for feature in features:
                 if feature.get("value") is not None:
-                    found[pair].append((1e3 * (feature["value"] - DIAMETER), 1e3 * feature["u"]))
-    print("pair: spheres, mean error, scatter, stated u (rms), rms of error over u; um")
-    for pair, values in found.items():
+                    found[cloud].append((1e3 * (feature["value"] - DIAMETER), 1e3 * feature["u"]))
+    print("cloud: spheres, mean error, scatter, stated u (rms), rms of error over u; um")
+    for cloud, values in found.items():
         if values:
             error, u = np.array(values).T
             scatter = error.std(ddof=1) if len(error) > 1 else 0.0
             ratio = math.sqrt(np.mean((error / u) ** 2))
-            print(f"{pair}: {len(error)}, {error.mean():+.2f}, {scatter:.2f}, {math.sqrt(np.mean(u**2)):.2f}, {ratio:.2f}")
+            print(f"{cloud}: {len(error)}, {error.mean():+.2f}, {scatter:.2f}, {math.sqrt(np.mean(u**2)):.2f}, {ratio:.2f}")
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ pub const SLOW: &[&str] = &[
     "simulate-test --reduced --out NEW/test",
     "bench accuracy",
     "bench calibration --trials 2 --images 0",
-    "bench drift --trials 1 --undrifted 1 --placements 1",
+    "bench drift --trials 1 --undrifted 1 --sets 1 --recordings 1",
     "bench error-sources",
     "bench exposures",
     "bench features --trials 3 --point-trials 1",

@@ -82,7 +82,7 @@ pub fn decode(
 }
 
 /// Settings that refuse no part or board for its edges, which are contradictions of code and phase, however many they are.
-fn tolerant() -> DecodeSettings {
+pub fn tolerant() -> DecodeSettings {
     DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }
 }
 

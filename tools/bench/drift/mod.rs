@@ -12,7 +12,7 @@ use crate::report::{check_outputs, emit_bare};
 use anyhow::{Context, Result};
 use characterise::health::{Choice, HealthSettings, Partner, estimate_view, stepped};
 use fringe::geometry::camera::Camera;
-use recorded::{LENGTH, PLACES, Recorded};
+use recorded::{Fringes, LENGTH, PLACES, Recorded};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -37,6 +37,8 @@ pub struct Args {
     /// Smooth systematic errors of the phase, rms in px.
     #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
     phase_error_px: f64,
+    #[command(flatten)]
+    fringes: Fringes,
     #[command(flatten)]
     board: Plan,
     /// Write the result as JSON to this file; `-` is standard output.
@@ -100,13 +102,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let settings = HealthSettings { phase_error_px: args.phase_error_px, ..HealthSettings::default() };
     settings.check()?;
+    args.fringes.settings()?;
     let (bench, cell) = (Bench::demo()?, Cell::new(args.board.clone(), 1)?);
     let drifts = drifts();
     let work = args.sets * args.recordings + args.undrifted + args.trials * drifts.len() as u64;
     let mut progress = Progress::new(work as usize, "drifting");
     let mut record = |set: u64, place: u64| {
         progress.step();
-        Recorded::part(&bench, &cell, place as usize, set * args.recordings + place)
+        Recorded::part(&bench, &cell, &args.fringes, place as usize, set * args.recordings + place)
     };
     let sets: Vec<Vec<Recorded>> = (0..args.sets)
         .map(|set| (0..args.recordings).map(|place| record(set, place)).collect())

@@ -3,11 +3,12 @@
 use super::super::accuracy::Bench;
 use super::super::calibrated::Calibrated;
 use super::super::calibration::board::{Cell, moved};
-use super::super::scan::{decode, views};
+use super::super::scan::{decode_with, tolerant, views};
 use super::{PARTNERS, VIEW};
 use anyhow::{Context, Result};
 use cell::executor::PairMatcher;
 use characterise::health::{HealthSettings, Match, Partner, check_pair, match_projector, match_views};
+use fringe::decode::DecodeSettings;
 use fringe::geometry::camera::Camera;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet};
@@ -43,13 +44,14 @@ pub struct Recorded {
 
 impl Recorded {
     /// The demo's part in one of its places, with noise of its own.
-    pub fn part(bench: &Bench, cell: &Cell, place: usize, cycle: u64) -> Result<Self> {
+    pub fn part(bench: &Bench, cell: &Cell, fringes: &Fringes, place: usize, cycle: u64) -> Result<Self> {
+        let (sequence, settings) = (fringes.sequence(), fringes.settings()?);
         let (turn_deg, shift_mm) = PLACES[place];
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));
         let world_from_part = Isometry3::from_parts(Vector3::from(shift_mm).into(), turn);
         let twin = Twin::new(&bench.scene, TwinSettings::default(), &moved(&cell.rig, &world_from_part))?;
         let maps = |camera: &str, projector: &str| {
-            decode(&twin, camera, projector, &cell.rig, &sequence(), cycle)
+            decode_with(&twin, (camera, projector), &cell.rig, &sequence, cycle, &settings)
                 .with_context(|| format!("{camera} under {projector}, place {place}, cycle {cycle}"))
         };
         let [one, two, other] = [maps("cam1", "proj1")?, maps(VIEW, "proj1")?, maps(VIEW, "proj2")?];
@@ -108,14 +110,46 @@ fn both(maps: &[PhaseMap]) -> Result<[PhaseView<'_>; 2]> {
     Ok([along(Axis::X).context("columns were decoded")?, along(Axis::Y).context("rows were decoded")?])
 }
 
-/// Fringes along both axes, as `configs/calibration.toml` has them.
-fn sequence() -> Vec<PatternSet> {
-    vec![
-        PatternSet::sine(Axis::X, 16.0, 10),
-        PatternSet::gray(Axis::X, 7, 8.0),
-        PatternSet::sine(Axis::Y, 18.0, 10),
-        PatternSet::gray(Axis::Y, 7, 9.0),
-        PatternSet::White {},
-        PatternSet::Black {},
-    ]
+/// How a recording is made and decoded.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Fringes {
+    /// Projector columns of a fringe; rows of a fringe are an eighth more.
+    #[arg(long, value_name = "PX", default_value_t = 8.0, value_parser = period)]
+    period_px: f64,
+    /// Steps of each axis.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(4..=64))]
+    steps: u32,
+    /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
+    #[arg(long, value_name = "PX", default_value_t = 0.577)]
+    footprint_px: f64,
+}
+
+/// Periods of which half a fringe is a stripe that eight bits can number.
+fn period(text: &str) -> Result<f64, String> {
+    let period_px: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (6.0..=64.0).contains(&period_px) { Ok(period_px) } else { Err("must lie within 6 and 64".to_owned()) }
+}
+
+impl Fringes {
+    /// Fringes along both axes, with a code of half fringes.
+    fn sequence(&self) -> Vec<PatternSet> {
+        let mut sets = Vec::new();
+        for (axis, period_px) in [(Axis::X, self.period_px), (Axis::Y, 1.125 * self.period_px)] {
+            sets.push(PatternSet::sine(axis, period_px, self.steps));
+            sets.push(PatternSet::gray(axis, 8, 0.5 * period_px));
+        }
+        sets.extend([PatternSet::White {}, PatternSet::Black {}]);
+        sets
+    }
+
+    /// Settings of the decoder.
+    ///
+    /// # Errors
+    /// A footprint that no camera has.
+    pub fn settings(&self) -> Result<DecodeSettings> {
+        let footprint_px = (self.footprint_px > 0.0).then_some(self.footprint_px);
+        let settings = DecodeSettings { footprint_px, ..tolerant() };
+        settings.check()?;
+        Ok(settings)
+    }
 }
