@@ -77,24 +77,19 @@ impl Rasters {
     pub fn keep(&mut self, index: usize, pixels: Pixels) {
         let range = index * pixels.len()..(index + 1) * pixels.len();
         match (self, pixels) {
-            (Self::Bytes(kept), Pixels::Mono8(values)) => copy(&mut kept[range], values),
-            (Self::Words(kept), Pixels::Mono16(values)) => copy(&mut kept[range], values),
+            (Self::Bytes(kept), Pixels::Mono8(values)) => copy(&mut kept[range], values, |value| value),
+            (Self::Words(kept), Pixels::Mono16(values)) => copy(&mut kept[range], values, |value| value),
             (Self::Bytes(kept), Pixels::Mono16(values)) => {
-                convert(&mut kept[range], values, |value| value as u8);
+                copy(&mut kept[range], values, |value| value as u8);
             }
-            (Self::Words(kept), Pixels::Mono8(values)) => convert(&mut kept[range], values, u16::from),
+            (Self::Words(kept), Pixels::Mono8(values)) => copy(&mut kept[range], values, u16::from),
         }
     }
 }
 
-fn copy<T: Copy + Send + Sync>(kept: &mut [T], values: &[T]) {
-    let parts = kept.par_chunks_mut(CHUNK).zip(values.par_chunks(CHUNK));
-    parts.for_each(|(kept, values)| kept.copy_from_slice(values));
-}
-
-fn convert<T: Copy + Sync, U: Send>(kept: &mut [U], values: &[T], value: impl Fn(T) -> U + Sync) {
+fn copy<T: Copy + Sync, U: Send>(kept: &mut [U], values: &[T], convert: impl Fn(T) -> U + Sync) {
     kept.par_chunks_mut(CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(kept, values)| {
-        kept.iter_mut().zip(values).for_each(|(kept, one)| *kept = value(*one));
+        kept.iter_mut().zip(values).for_each(|(kept, value)| *kept = convert(*value));
     });
 }
 
