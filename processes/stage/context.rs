@@ -60,7 +60,7 @@ pub struct StageContext {
 /// frame buffer, so that the buffer of the supervisor never fills.
 const REPORTS_PER_NOTIFICATION: usize = FRAME_BUFFER / 2;
 
-/// What fusion and inspection of a million points need while they work, bytes.
+/// Room for what fusion and inspection allocate when they see the points, bytes; the heap of the demo's fusion takes 47 MB.
 const ROOM: usize = 64 << 20;
 
 /// Report of an activation, beside its output.
@@ -124,8 +124,8 @@ impl StageContext {
     }
 
     /// Puts the buffers of this stage on large pages, where there are some; without them it only is slower. Call it after connecting: all buffers are
-    /// there, and nobody has populated them yet. Empty pages are put together at once; full ones would be copied, so that nothing happens when another
-    /// stage connects again.
+    /// there, and nobody populates them yet; while others do, most cannot be put together. Full ones would be copied, so that nothing happens when
+    /// another stage connects again.
     pub fn use_large_pages(&mut self) {
         if std::mem::replace(&mut self.on_large_pages, true) {
             return;

@@ -149,15 +149,18 @@ mod tests {
         assert_ne!(mapped, libc::MAP_FAILED);
         // SAFETY: the mapping is that long, lives until the end of the test, and nothing else refers to it.
         let seen = unsafe { std::slice::from_raw_parts_mut(mapped.cast::<u8>(), length) };
-        let large = use_large_pages(&name, 1 << 20).unwrap();
+        use_large_pages(&name, 1 << 20).unwrap();
         assert!(seen == bytes.as_slice(), "the contents changed");
+        // The whole large pages of the mapping and no more, unless the system has none to give.
+        let size = large_page().unwrap_or(2 << 20);
+        let start = mapped as usize;
+        let shared = collapse_shared(&(start..start + length), size);
+        assert!([0, (length / size * size) as u64].contains(&shared), "{shared} bytes on pages of {size}");
+        assert!(seen == bytes.as_slice(), "the contents changed the second time");
         seen[3 << 20] ^= 255;
         let mut read = Vec::new();
         std::fs::File::open(&name).unwrap().read_to_end(&mut read).unwrap();
         std::fs::remove_file(&name).unwrap();
         assert!(read == seen && read != bytes, "another mapping sees something else");
-        // The heap may add some; whether there are large pages is the system's to say.
-        let expected = large_page().map_or(0, |size| (length / size * size) as u64);
-        assert!(large == 0 || large >= expected.min(2 << 20), "{large} of {expected}");
     }
 }
