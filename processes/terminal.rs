@@ -88,15 +88,7 @@ pub fn cloud_lines(result: &CycleResult, pairs: &[&str]) -> String {
     let mut text = format!("points {points}\n");
     let name = |pair: usize| pairs.get(pair).copied().unwrap_or("?");
     for overlap in result.overlaps.iter().flatten() {
-        let _ = writeln!(
-            text,
-            "overlap {} – {}: mean {:+.1} µm, standard deviation {:.1} µm, {} points",
-            name(overlap.a),
-            name(overlap.b),
-            1e3 * overlap.mean_mm,
-            1e3 * overlap.sd_mm,
-            overlap.count
-        );
+        let _ = writeln!(text, "overlap {} – {}: {overlap}", name(overlap.a), name(overlap.b));
     }
     text
 }

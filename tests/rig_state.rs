@@ -164,10 +164,42 @@ fn a_knocked_camera_is_mended_from_several_recordings_that_are_no_copies() {
         assert!(ran.code == Some(2) && ran.stderr.contains(expected), "{}", ran.stderr);
         assert!(!Path::new(&lit.path("never.toml")).exists());
     }
+    a_certified_length_is_read_and_may_be_wrong(&lit, &rec, &plan);
     // Nor does a misspelt view pass for one that has not drifted.
     let true_rig = lit.path("rig.toml");
     let ran = fringetool(&["correct-rig", &rec, "--rig", &true_rig, "--out", &out, "--view", "cam9"]);
     assert!(ran.code == Some(2) && ran.stderr.contains("--view cam9"), "{}", ran.stderr);
+}
+
+/// A length counts where all pairs are healthy, and one that contradicts the residuals corrects nothing.
+fn a_certified_length_is_read_and_may_be_wrong(lit: &Lit, rec: &str, plan: &str) {
+    // Along its baseline a camera moves unseen.
+    lit.write_rig("along.toml", |rig| {
+        rig.projectors.clear();
+        rig.pairs.truncate(1);
+        let centre = rig.cameras[0].camera.centre_mm();
+        let camera = &mut rig.cameras[1].camera;
+        let away = (camera.centre_mm() - centre).normalize() * 0.5;
+        camera.camera_from_world.translation.vector -= camera.camera_from_world.rotation * away;
+    });
+    let wrong = lit.path("wrong.plan.toml");
+    let text = std::fs::read_to_string(plan).unwrap();
+    assert!(text.contains("nominal_mm = 112.447"));
+    std::fs::write(&wrong, text.replace("nominal_mm = 112.447", "nominal_mm = 113.447")).unwrap();
+    let out = lit.path("never.toml");
+    for (rig, plan, expected) in [
+        ("rig.toml", plan, None),
+        ("rig.toml", wrong.as_str(), Some("certified are 113.4470 mm")),
+        ("along.toml", plan, Some("a view moved along its baseline")),
+        ("knocked.toml", wrong.as_str(), Some("knocked.toml")),
+    ] {
+        let ran = fringetool(&["correct-rig", rec, "--rig", &lit.path(rig), "--length", plan, "--out", &out]);
+        match expected {
+            None => assert!(ran.expect_success().stdout.contains("nothing has drifted"), "{rig}"),
+            Some(text) => assert!(ran.code == Some(2) && ran.stderr.contains(text), "{rig}: {}", ran.stderr),
+        }
+        assert!(!Path::new(&out).exists());
+    }
 }
 
 #[test]

@@ -291,7 +291,6 @@ fn write_cloud(args: &Args, recording: &Recording, task: &Task, points: &[Point]
         ("recording_sha256", recording.sha256.as_str()),
         ("method", task.method),
         ("software", software.as_str()),
-        ("unit", "mm"),
     ]);
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
@@ -314,14 +313,7 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
         }
     }
     for o in &fusion.overlaps {
-        println!(
-            "overlap {} – {}: {} points, mean {:+.1} µm, standard deviation {:.1} µm",
-            done.pairs[o.a].pair.name,
-            done.pairs[o.b].pair.name,
-            o.count,
-            o.mean_mm * 1e3,
-            o.sd_mm * 1e3
-        );
+        println!("overlap {} – {}: {o}", done.pairs[o.a].pair.name, done.pairs[o.b].pair.name);
     }
     if fusion.disagreeing > 0 {
         println!(

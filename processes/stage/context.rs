@@ -63,6 +63,9 @@ const REPORTS_PER_NOTIFICATION: usize = FRAME_BUFFER / 2;
 /// Room for what fusion and inspection allocate when they see the points, bytes; the heap of the demo's fusion takes 47 MB.
 const ROOM: usize = 64 << 20;
 
+/// Longest time for putting buffers on large pages: a computer with other work goes on with what it has by then.
+const LARGE_PAGES: Duration = Duration::from_secs(4);
+
 /// Report of an activation, beside its output.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Report<'a> {
@@ -134,7 +137,7 @@ impl StageContext {
         // These two need memory by the number of points, when they see them.
         let by_points = matches!(self.cell.schedule.stages[self.stage].kind, Kind::Fusion | Kind::Inspection);
         let room = if by_points { ROOM } else { 0 };
-        let bytes = ipc::large_pages::use_large_pages(&self.segments, room).unwrap_or(0);
+        let bytes = ipc::large_pages::use_large_pages(&self.segments, room, LARGE_PAGES).unwrap_or(0);
         let ms = (now_ns() - begin) / 1_000_000;
         tracing::debug!(bytes, ms, "buffers on large pages");
     }

@@ -9,8 +9,10 @@ use files::result::CycleResult;
 use ipc::header::Command;
 use ipc::os::now_ns;
 
-/// Shortest time limit for connecting, ns: it maps and touches all shared memory of a stage.
+/// Shortest time limit for connecting, ns, and what each byte of the cell's shared memory adds: connecting maps and touches all that a stage
+/// sees of it, which a busy computer does at less than a tenth of a GB a second.
 const MIN_CONNECT_NS: u64 = 5_000_000_000;
+const CONNECT_NS_PER_BYTE: u64 = 12;
 
 impl Supervisor<'_> {
     /// Starts the stages whose start is due.
@@ -54,7 +56,9 @@ impl Supervisor<'_> {
     pub(super) fn reap_ended(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         let limits = &self.cell.config.limits;
         let (now, start_ns) = (now_ns(), setup::ns_of_ms(limits.start_ms));
-        let budget_ns = setup::ns_of_ms(limits.stage_budget_ms).max(MIN_CONNECT_NS);
+        let touching_ns = self.cell.schedule.memory_bytes().saturating_mul(CONNECT_NS_PER_BYTE);
+        let budget_ns =
+            setup::ns_of_ms(limits.stage_budget_ms).max(MIN_CONNECT_NS).saturating_add(touching_ns);
         let stages = self.stages.len();
         for stage in 0..stages {
             let child = &mut self.stages[stage];
@@ -69,7 +73,8 @@ impl Supervisor<'_> {
                 self.cycles.is_stage_ready(stage) || !populating && self.connected.contains(&stage);
             let connects = child.state == ProcessState::Up && !self.connecting && !answered;
             if connects && child.killed.is_none() && waited_ns > budget_ns {
-                child.kill(&format!("hung: did not connect within {} ms", budget_ns / 1_000_000));
+                let doing = if populating { "touch its buffers" } else { "connect" };
+                child.kill(&format!("hung: did not {doing} within {} ms", budget_ns / 1_000_000));
             }
             let Some(end) = child.reap() else { continue };
             tracing::warn!(stage = child.name, end, "stage ended");

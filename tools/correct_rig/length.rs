@@ -9,6 +9,43 @@ use files::rig_file::RigFile;
 use fringe::geometry::camera::Camera;
 use metrology::inspection::{Plan, Quantity, evaluate};
 
+/// A measured length this many standard uncertainties from the certified one is wrong …
+const WRONG: f64 = 3.5;
+/// … to which the calibration adds this part of the length, as a good one leaves it.
+const CALIBRATED: f64 = 2e-5;
+
+/// The certified lengths that the rig as it is does not measure within their uncertainty, in words.
+///
+/// # Errors
+/// As [`readings`].
+pub fn wrong(args: &Args, shown: &[Shown], rig_file: &RigFile) -> Result<Vec<String>> {
+    let (mut wrong, mut measured) = (Vec::new(), 0);
+    for shown in shown {
+        let Some(plan) = &shown.plan else { continue };
+        let decoded =
+            DecodedRecording::new(&shown.recording, rig_file, Method::Phase, &surface_settings(None))?;
+        for (feature, found) in plan.features.iter().zip(lengths(plan, &decoded, rig_file)?) {
+            let Some((value, u)) = found else { continue };
+            let (error_mm, u_mm) = (value - feature.nominal, u.hypot(CALIBRATED * feature.nominal));
+            measured += 1;
+            if error_mm.abs() > WRONG * u_mm {
+                wrong.push(format!(
+                    "{}: \"{}\" measures {value:.4} mm, certified are {:.4} mm: {:+.1} µm, where {:.1} µm would be allowed",
+                    shown.recording.folder.display(),
+                    feature.name,
+                    feature.nominal,
+                    1e3 * error_mm,
+                    1e3 * WRONG * u_mm
+                ));
+            }
+        }
+    }
+    if measured == 0 {
+        refuse_unmeasured(args, shown)?;
+    }
+    Ok(wrong)
+}
+
 /// Of each recording the certified distances of centres of its plan, less the measured ones, with their derivatives.
 pub fn readings(
     args: &Args,
@@ -23,19 +60,25 @@ pub fn readings(
             None => Ok(Vec::new()),
         })
         .collect::<Result<Vec<_>>>()?;
-    if let Some(path) = args.length.first()
-        && found.iter().all(Vec::is_empty)
-    {
+    if found.iter().all(Vec::is_empty) {
+        refuse_unmeasured(args, shown)?;
+    }
+    Ok(found)
+}
+
+/// Refuses plans of which nothing was measured.
+fn refuse_unmeasured(args: &Args, shown: &[Shown]) -> Result<()> {
+    if let Some(path) = args.length.first() {
         let folders: Vec<String> =
             shown.iter().map(|shown| shown.recording.folder.display().to_string()).collect();
         bail!(
             "{}: no distance of centres could be measured in {}: show the length standard to both views, or state its nominal place \
-             more exactly",
+             more exactly (`fringetool place` finds it in a cloud)",
             path.display(),
             folders.join(", ")
         );
     }
-    Ok(found)
+    Ok(())
 }
 
 fn readings_of(
@@ -47,17 +90,13 @@ fn readings_of(
     let certified: Vec<f64> = plan.features.iter().map(|feature| feature.nominal).collect();
     let decoded =
         DecodedRecording::new(&shown.recording, judge.rig_file, Method::Phase, &surface_settings(None))?;
-    estimate.readings(&certified, |view| lengths(plan, &decoded, judge, view))
+    let seen = |view: &Camera| RigFile { rig: judge.rig_with(view), ..judge.rig_file.clone() };
+    estimate.readings(&certified, |view| lengths(plan, &decoded, &seen(view)))
 }
 
 /// Of each feature its value and standard uncertainty, mm; `None` for what is no distance of centres, and what was not measured.
-fn lengths(
-    plan: &Plan,
-    decoded: &DecodedRecording,
-    judge: &Judge,
-    view: &Camera,
-) -> Result<Vec<Option<(f64, f64)>>> {
-    let cloud = decoded.cloud(&RigFile { rig: judge.rig_with(view), ..judge.rig_file.clone() })?;
+fn lengths(plan: &Plan, decoded: &DecodedRecording, rig_file: &RigFile) -> Result<Vec<Option<(f64, f64)>>> {
+    let cloud = decoded.cloud(rig_file)?;
     let result = evaluate(plan, &cloud);
     let one = |index: usize| {
         let is_length = matches!(plan.features[index].quantity, Quantity::CentreDistance(_));

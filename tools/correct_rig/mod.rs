@@ -77,9 +77,19 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
     if shown.iter().flat_map(|shown| &shown.checks).all(|(check, _)| check.health.healthy) {
-        println!("nothing has drifted: no rig is written");
-        emit_made_with(args.json.as_deref(), &write::json(args, None, &[]), provenance)?;
-        return Ok(Outcome::Done);
+        // A shift along the baseline shows in lengths only.
+        let wrong = length::wrong(args, &shown, &rig_file)?;
+        if let Some(wrong) = wrong.first().filter(|_| args.view.is_none()) {
+            bail!(
+                "{wrong}; all pairs are healthy, so that a view moved along its baseline, or the plan states another length: check the \
+                 certificate, then name the view with --view, or calibrate again"
+            );
+        }
+        if wrong.is_empty() {
+            println!("nothing has drifted: no rig is written");
+            emit_made_with(args.json.as_deref(), &write::json(args, None, &[]), provenance)?;
+            return Ok(Outcome::Done);
+        }
     }
     let view = shown::drifted(args, &rig_file, &shown)?;
     let links = shown::links(&view, &shown);
@@ -87,6 +97,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Judge { rig_file: &rig_file, covariance: covariance.as_ref(), settings: &settings, view: &view };
     let found = judge.correct(args, &shown, &links)?;
     let after = judge.health(&found.view.camera, &links)?;
+    judge.refuse_unhealthy(args, &after)?;
     write::write(args, &shown, &judge, &found)?;
     let lines = write::report(&view, &found, &shown, &after);
     for line in &lines {
@@ -131,6 +142,8 @@ pub struct Found {
     pub baseline: Option<Baseline>,
     /// Of each recording how many certified lengths were measured in it.
     pub lengths: Vec<usize>,
+    /// The simplest model without the lengths, where they contradict it.
+    pub doubted: Option<ViewCorrection>,
 }
 
 /// A pair of the view in one recording with the view in a new state.
@@ -184,6 +197,7 @@ impl Judge<'_> {
         }
         let readings = length::readings(args, shown, self, &estimate)?;
         let all: Vec<LengthReading> = readings.iter().flatten().copied().collect();
+        let without_lengths = estimate.models().into_iter().find(ViewCorrection::is_possible);
         if !all.is_empty() {
             estimate = estimate.with_lengths(&all);
         }
@@ -200,7 +214,33 @@ impl Judge<'_> {
         };
         let baseline = (!all.is_empty()).then(|| baseline(&view, start, &partners)).flatten();
         let lengths = readings.iter().map(Vec::len).collect();
-        Ok(Found { view, models, baseline, lengths })
+        let contradicted = |simple: &ViewCorrection| {
+            models.iter().any(|model| model.changes == simple.changes && !model.is_possible())
+        };
+        let doubted = without_lengths.filter(|simple| !all.is_empty() && contradicted(simple));
+        Ok(Found { view, models, baseline, lengths, doubted })
+    }
+
+    /// A rig that its own check would call unhealthy is none to write.
+    fn refuse_unhealthy(&self, args: &Args, after: &[PairAfter]) -> Result<()> {
+        let Some(worst) =
+            after.iter().filter(|pair| !pair.healthy).max_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
+        else {
+            return Ok(());
+        };
+        let remedy = if args.length.is_empty() {
+            "record the object in more places, or calibrate again"
+        } else {
+            "the certified lengths contradict the residuals: check the lengths in the plan against the certificate, and whether it is this standard"
+        };
+        bail!(
+            "{}: with \"{}\" corrected pair \"{}\" would not be healthy ({:.4} px rms before, {:.4} px after), so that no rig is written; {remedy}",
+            self.rig_file.path.display(),
+            self.view,
+            worst.name,
+            worst.before_px,
+            worst.rms_px
+        );
     }
 
     /// What to tell where the residuals leave lengths open.

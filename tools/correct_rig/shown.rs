@@ -75,7 +75,17 @@ pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<Strin
     let checks = || shown.iter().flat_map(|shown| &shown.checks).map(|(check, _)| check);
     let known = |name: &String| checks().any(|check| check.left == *name || check.right == *name);
     if let Some(name) = &args.view {
+        let ill = || checks().filter(|check| !check.health.healthy);
         if known(name) {
+            let has = |check: &PairCheck| check.left == *name || check.right == *name;
+            if let Some(other) = ill().next().filter(|_| !ill().any(has)) {
+                bail!(
+                    "--view {name}: all its pairs are healthy, and \"{}\" of \"{}\" and \"{}\" is not; name one of these, or leave --view out",
+                    other.name,
+                    other.left,
+                    other.right
+                );
+            }
             return Ok(name.clone());
         }
         bail!("--view {name}: no pair of {} was recorded along both axes with it", rig_file.path.display());

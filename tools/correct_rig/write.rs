@@ -67,7 +67,7 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
 
 /// What was corrected, and what is left of the residuals of each pair.
 pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -> Vec<String> {
-    let Found { view: found, models, baseline, lengths } = found;
+    let Found { view: found, models, baseline, lengths, doubted } = found;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
     let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
@@ -99,6 +99,15 @@ pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -
     }
     for (shown, lengths) in shown.iter().zip(lengths).filter(|(shown, _)| shown.plan.is_some()) {
         lines.push(format!("{}: {lengths} certified lengths measured", shown.recording.folder.display()));
+    }
+    if let Some(simple) = doubted {
+        lines.push(format!(
+            "warning: without the length standard {} alone explains the residuals (χ² {:.1} of {:.1}); check the certified lengths before \
+             the new rig is used",
+            simple.name(),
+            simple.chi2,
+            simple.limit
+        ));
     }
     for PairAfter { name, recording, before_px, rms_px, .. } in after {
         let place = match shown {

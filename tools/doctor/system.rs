@@ -2,7 +2,9 @@
 
 use super::{Check, State, largest_frame_bytes};
 use devices::LoadedCell;
+use ipc::left_behind::{LeftBehind, left_behind};
 use ipc::os;
+use std::fmt::Write as _;
 use std::path::Path;
 
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -21,7 +23,11 @@ pub(super) fn checks(cell: Option<&LoadedCell>, config: &str) -> Vec<Check> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     vec![
         check_cores(cell, cores, config),
-        check_shared_memory(cell, os::free_bytes(Path::new(SHARED_MEMORY)).map_err(|e| e.to_string())),
+        check_shared_memory(
+            cell,
+            os::free_bytes(Path::new(SHARED_MEMORY)).map_err(|e| e.to_string()),
+            &left_behind(),
+        ),
         check_priority(cell, &read("/proc/self/limits"), &read("/proc/self/status")),
         check_locking(cell),
         check_large_pages(&read("/sys/kernel/mm/transparent_hugepage/enabled")),
@@ -47,7 +53,7 @@ fn check_cores(cell: Option<&LoadedCell>, cores: usize, config: &str) -> Check {
     Check::new("processor cores", state, found).mended_by(format!("{planned} cores"), mend)
 }
 
-fn check_shared_memory(cell: Option<&LoadedCell>, free: Result<u64, String>) -> Check {
+fn check_shared_memory(cell: Option<&LoadedCell>, free: Result<u64, String>, left: &[LeftBehind]) -> Check {
     let needed = cell.map_or(SMALL_CELL_BYTES, |cell| cell.schedule.memory_bytes());
     let whose = if cell.is_some() { "the cell takes at most" } else { "a small cell takes" };
     let name = "shared memory (/dev/shm)";
@@ -55,8 +61,16 @@ fn check_shared_memory(cell: Option<&LoadedCell>, free: Result<u64, String>) -> 
         Ok(free) => free,
         Err(error) => return Check::new(name, State::Unknown, error),
     };
-    let state = if free >= needed { State::Good } else { State::Bad };
-    let found = format!("{} MB free, {whose} {} MB", mb(free), mb(needed));
+    let state = match free >= needed {
+        true if left.is_empty() => State::Good,
+        true => State::Warning,
+        false => State::Bad,
+    };
+    let mut found = format!("{} MB free, {whose} {} MB", mb(free), mb(needed));
+    if let Some(LeftBehind { cell, bytes, remove }) = left.first() {
+        let _ = write!(found, ", {} MB are what the killed cell \"{cell}\" left", mb(*bytes));
+        return Check::new(name, state, found).mended_by(format!("{} MB", mb(needed)), remove.clone());
+    }
     // Room for what else lies there.
     let size = (needed + needed / 4).div_ceil(1 << 20);
     let mend = format!("sudo mount -o remount,size={size}M /dev/shm");
@@ -166,13 +180,17 @@ mod tests {
 
     #[test]
     fn what_is_too_small_is_named_with_the_command_that_mends_it() {
-        let small = check_shared_memory(None, Ok(1000));
+        let small = check_shared_memory(None, Ok(1000), &[]);
         assert_eq!(
             (small.state, small.mend.as_deref()),
             (State::Bad, Some("sudo mount -o remount,size=597M /dev/shm"))
         );
-        assert_eq!(check_shared_memory(None, Ok(1 << 40)).mend, None);
-        assert_eq!(check_shared_memory(None, Err("gone".into())).state, State::Unknown);
+        assert_eq!(check_shared_memory(None, Ok(1 << 40), &[]).mend, None);
+        assert_eq!(check_shared_memory(None, Err("gone".into()), &[]).state, State::Unknown);
+        let left = [LeftBehind { cell: "demo".into(), bytes: 1_594_000_000, remove: "rm fc-abcde*".into() }];
+        let held = check_shared_memory(None, Ok(1 << 40), &left);
+        assert_eq!((held.state, held.mend.as_deref()), (State::Warning, Some("rm fc-abcde*")));
+        assert!(held.found.contains("1594 MB are what the killed cell \"demo\" left"), "{}", held.found);
         let buffer = check_receive_buffer(None, Some(212_992));
         assert!(buffer.mend.is_some_and(|mend| mend.contains("net.core.rmem_max=8388608")));
         assert_eq!(check_receive_buffer(None, Some(1 << 30)).state, State::Good);

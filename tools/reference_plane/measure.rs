@@ -93,12 +93,7 @@ fn write(args: &Args, heights: &Heights, points: Option<(&PathBuf, Vec<Point>)>)
     if let Some((path, points)) = points {
         let calibration = args.calibration.display().to_string();
         let software = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
-        let comments = [
-            ("method", "reference-plane"),
-            ("calibration", &calibration),
-            ("software", software),
-            ("unit", "mm"),
-        ];
+        let comments = [("method", "reference-plane"), ("calibration", &calibration), ("software", software)];
         files::ply::write_cloud(path, &points, &comments)?;
     }
     Ok(())

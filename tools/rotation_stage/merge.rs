@@ -68,11 +68,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let fusion = fuse(&slices, &FusionSettings::default(), &mut merged);
     let stage = args.stage.display().to_string();
     let software = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
-    files::ply::write_cloud(
-        &args.out,
-        &merged,
-        &[("stage", &stage), ("software", software), ("unit", "mm")],
-    )?;
+    files::ply::write_cloud(&args.out, &merged, &[("stage", &stage), ("software", software)])?;
     print(&placed, &fusion, merged.len(), &args.out);
     let json = serde_json::json!({ "points": merged.len(), "views": placed, "fusion": fusion });
     emit(args.json.as_deref(), &json)?;
@@ -145,14 +141,7 @@ fn print(placed: &[Placed], fusion: &FusionReport, points: usize, out: &Path) {
         println!("{} at {}°: {} points, {how}", view.cloud, view.angle_deg, view.points);
     }
     for o in &fusion.overlaps {
-        println!(
-            "overlap {} – {}: {} points, mean {:+.1} µm, standard deviation {:.1} µm",
-            placed[o.a].cloud,
-            placed[o.b].cloud,
-            o.count,
-            o.mean_mm * 1e3,
-            o.sd_mm * 1e3
-        );
+        println!("overlap {} – {}: {o}", placed[o.a].cloud, placed[o.b].cloud);
     }
     println!("{}: {points} points", out.display());
 }

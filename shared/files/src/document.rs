@@ -1,5 +1,6 @@
 //! Text files and TOML documents, read whole, with messages that point into them.
 
+use crate::culprit::culprit;
 use crate::error::{FileError, Problem, did_you_mean};
 use crate::guard;
 use crate::memory;
@@ -130,7 +131,7 @@ impl Document {
             };
             return Err(self.fault("format", problem, remedy));
         }
-        toml::from_str(&self.text).map_err(|error| self.toml_fault(&error))
+        toml::from_str(&self.text).map_err(|error| self.placed_fault::<T>(&error))
     }
 
     /// The same where the key `format` may be left out.
@@ -140,7 +141,7 @@ impl Document {
     pub fn parse_bare<T: DeserializeOwned>(&self, format: &str) -> Result<T, FileError> {
         match self.format()? {
             Some(_) => self.parse(format),
-            None => toml::from_str(&self.text).map_err(|error| self.toml_fault(&error)),
+            None => toml::from_str(&self.text).map_err(|error| self.placed_fault::<T>(&error)),
         }
     }
 
@@ -205,6 +206,19 @@ impl Document {
             fault.line = self.line_of(&fault.key).or_else(|| self.line_of(key));
             fault
         })
+    }
+
+    /// The fault of a whole document. Where its place is only the head of a table, the key in it is looked for.
+    fn placed_fault<T: DeserializeOwned>(&self, error: &toml::de::Error) -> FileError {
+        let mut fault = self.toml_fault(error);
+        let at_head = error.span().is_some_and(|span| self.key_at(span.start).is_empty());
+        if let Some(key) = at_head.then(|| culprit::<T>(&self.text)).flatten() {
+            fault.line = self.line_of(&key).or(fault.line);
+            if fault.key.is_empty() {
+                fault.key = key;
+            }
+        }
+        fault
     }
 
     fn toml_fault(&self, error: &toml::de::Error) -> FileError {

@@ -12,6 +12,7 @@ pub mod cmm;
 pub mod config;
 pub mod correction;
 pub mod csv_table;
+mod culprit;
 pub mod cycle_record;
 pub mod document;
 pub mod e57_file;

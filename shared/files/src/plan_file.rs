@@ -147,7 +147,11 @@ mod tests {
                 ["a.toml:13: feature[0].element", "\"bal\"", "did you mean \"ball\"?"],
             ),
             ("[[element]]", "[[element", ["a.toml:3", "", ""]),
-            ("min_points = 100", "min_points = \"x\"", ["a.toml:3", "\"x\"", "expected usize"]),
+            (
+                "min_points = 100",
+                "min_points = \"x\"",
+                ["a.toml:9: element[0].min_points", "\"x\"", "expected usize"],
+            ),
         ] {
             let error = refused(from, to);
             assert!(words.iter().all(|word| error.contains(word)) && !error.contains('\n'), "{to}: {error}");

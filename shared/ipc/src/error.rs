@@ -39,13 +39,15 @@ pub enum IpcError {
     },
     /// The buffers of the schedule do not fit in shared memory.
     #[error(
-        "/dev/shm has {free_mb} MB free, the buffers of this cell need up to {needed_mb} MB; enlarge it (docker run --shm-size, mount -o remount,size=…) or reduce the image size"
+        "/dev/shm has {free_mb} MB free, the buffers of this cell need up to {needed_mb} MB; enlarge it (docker run --shm-size, mount -o remount,size=…) or reduce the image size{left}"
     )]
     Space {
         /// Free shared memory in `/dev/shm`, MB.
         free_mb: u64,
         /// Space for all buffers of the schedule, MB.
         needed_mb: u64,
+        /// What killed cells left, and how to free it; empty where they left nothing.
+        left: String,
     },
     /// iceoryx2 reported an error.
     #[error("{what} \"{name}\": {reason}")]

@@ -7,6 +7,7 @@
 
 use std::io;
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 /// `MADV_COLLAPSE` of `linux/mman.h`: the kernel puts the pages together before the call returns.
 const COLLAPSE: libc::c_int = 25;
@@ -14,23 +15,31 @@ const COLLAPSE: libc::c_int = 25;
 /// Bytes of the smallest page of any kernel.
 const SMALL: usize = 4096;
 
+/// Bytes that one call joins. Each call waits for all processors, and only between two of them is the time looked at.
+const AT_ONCE: usize = 64 << 20;
+
 /// Where the kernel says whether it makes large pages, and of which size.
 const SETTINGS: &str = "/sys/kernel/mm/transparent_hugepage";
 
 /// Puts the shared memory that this process writes, of the mappings whose path begins with `prefix`, and its heap on large pages as far as
 /// the kernel has some. Contents stay as they are. The heap grows by `room` bytes first, which later allocations get, see
-/// [`crate::os::keep_freed_memory`]. Returns the bytes that lie on large pages now; 0 before Linux 6.1, and where the system is set to make none.
+/// [`crate::os::keep_freed_memory`]. What is not joined after `most`, as on a busy computer, stays as it is. Returns the bytes that lie on large pages
+/// now; 0 before Linux 6.1, and where the system is set to make none.
 ///
 /// # Errors
 /// /proc cannot be read.
-pub fn use_large_pages(prefix: &str, room: usize) -> io::Result<u64> {
+pub fn use_large_pages(prefix: &str, room: usize, most: Duration) -> io::Result<u64> {
+    let begin = Instant::now();
+    let in_time = || begin.elapsed() < most;
     let Some(size) = large_page() else { return Ok(0) };
     drop(std::hint::black_box(vec![0_u8; room]));
     let mut bytes = 0;
     for line in std::fs::read_to_string("/proc/self/maps")?.lines() {
         bytes += match Memory::parse(line, prefix) {
-            Some(Memory::Shared(range)) => collapse_shared(&range, size),
-            Some(Memory::Heap(range)) => collapse(range.start.next_multiple_of(size), range.end, size),
+            Some(Memory::Shared(range)) => collapse_shared(&range, size, &in_time),
+            Some(Memory::Heap(range)) => {
+                collapse(range.start.next_multiple_of(size)..range.end, size, &in_time)
+            }
             None => 0,
         };
     }
@@ -73,7 +82,7 @@ impl Memory {
 
 /// Puts the whole large pages of shared memory together. The kernel does that only where address and place in the file are alike in large pages,
 /// so a second mapping that lies so stands in for the first one.
-fn collapse_shared(range: &Range<usize>, size: usize) -> u64 {
+fn collapse_shared(range: &Range<usize>, size: usize, in_time: &dyn Fn() -> bool) -> u64 {
     let length = range.len() / size * size;
     if length == 0 {
         return 0;
@@ -91,23 +100,32 @@ fn collapse_shared(range: &Range<usize>, size: usize) -> u64 {
     let second = unsafe {
         libc::mremap(range.start as *mut libc::c_void, 0, length, flags, aligned as *mut libc::c_void)
     };
-    let bytes = if second == libc::MAP_FAILED { 0 } else { collapse(aligned, aligned + length, size) };
+    let bytes =
+        if second == libc::MAP_FAILED { 0 } else { collapse(aligned..aligned + length, size, in_time) };
     // SAFETY: `room` and what was mapped into it belong to this function.
     unsafe { libc::munmap(room, length + size) };
     bytes
 }
 
-/// Puts the whole large pages between two addresses, the first one at such a page, together. Returns their bytes; 0 where the kernel has no page for
-/// one of them.
-fn collapse(start: usize, end: usize, size: usize) -> u64 {
-    let pages = start..start + end.saturating_sub(start) / size * size;
+/// Puts the whole large pages of a range, which begins at such a page, together while there is time. Returns their bytes; what the kernel has no page
+/// for stays as it is.
+fn collapse(range: Range<usize>, size: usize, in_time: &dyn Fn() -> bool) -> u64 {
     // SAFETY: the ranges lie within a mapping of this process, and neither call changes a byte of it.
     let advise =
         |at: usize, length, advice| unsafe { libc::madvise(at as *mut libc::c_void, length, advice) == 0 };
-    // Of a page that nobody has touched there is nothing to put together. Where there is no memory for it, this fails.
-    let touched = pages.clone().step_by(size).all(|page| advise(page, SMALL, libc::MADV_POPULATE_WRITE));
-    // One call for all: each waits for all processors.
-    if touched && advise(start, pages.len(), COLLAPSE) { pages.len() as u64 } else { 0 }
+    let end = range.start + range.len() / size * size;
+    let mut bytes = 0;
+    for start in (range.start..end).step_by(AT_ONCE.next_multiple_of(size)) {
+        let part = start..end.min(start + AT_ONCE.next_multiple_of(size));
+        // Of a page that nobody has touched there is nothing to put together. Where there is no memory for it, this fails.
+        let touched = in_time()
+            && part.clone().step_by(size).all(|page| advise(page, SMALL, libc::MADV_POPULATE_WRITE));
+        if !(touched && advise(start, part.len(), COLLAPSE)) {
+            break;
+        }
+        bytes += part.len() as u64;
+    }
+    bytes
 }
 
 #[cfg(test)]
@@ -149,12 +167,13 @@ mod tests {
         assert_ne!(mapped, libc::MAP_FAILED);
         // SAFETY: the mapping is that long, lives until the end of the test, and nothing else refers to it.
         let seen = unsafe { std::slice::from_raw_parts_mut(mapped.cast::<u8>(), length) };
-        use_large_pages(&name, 1 << 20).unwrap();
+        assert_eq!(use_large_pages(&name, 0, Duration::ZERO).unwrap(), 0, "joined without any time for it");
+        use_large_pages(&name, 1 << 20, Duration::from_secs(60)).unwrap();
         assert!(seen == bytes.as_slice(), "the contents changed");
         // The whole large pages of the mapping and no more, unless the system has none to give.
         let size = large_page().unwrap_or(2 << 20);
         let start = mapped as usize;
-        let shared = collapse_shared(&(start..start + length), size);
+        let shared = collapse_shared(&(start..start + length), size, &|| true);
         assert!([0, (length / size * size) as u64].contains(&shared), "{shared} bytes on pages of {size}");
         assert!(seen == bytes.as_slice(), "the contents changed the second time");
         seen[3 << 20] ^= 255;

@@ -19,6 +19,7 @@ pub mod cell;
 pub mod error;
 pub mod header;
 pub mod large_pages;
+pub mod left_behind;
 pub mod link;
 pub mod long_text;
 pub mod os;

@@ -34,6 +34,17 @@ pub(crate) fn exist(prefix: &str) -> Result<bool, IpcError> {
     Ok(!with_prefix(&open()?, prefix)?.is_empty())
 }
 
+/// Memory of the segments of this user whose names begin with a prefix, bytes.
+///
+/// # Errors
+/// [`IpcError::File`] where /dev/shm cannot be listed.
+pub(crate) fn held_bytes(prefix: &str) -> Result<u64, IpcError> {
+    let found = with_prefix(&open()?, prefix)?;
+    // Blocks of 512 bytes, whatever the file system: a segment may be longer than what it holds.
+    let bytes = |stat: &Stat| (stat.st_blocks as u64).saturating_mul(512);
+    Ok(found.iter().filter(|(_, stat)| stat.st_uid == user()).map(|(_, stat)| bytes(stat)).sum())
+}
+
 /// Makes the segments with a prefix accessible to this user only; iceoryx2 creates one with mode 0666.
 ///
 /// # Errors

@@ -102,7 +102,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let settings = HealthSettings { phase_error_px: args.phase_error_px, ..HealthSettings::default() };
     settings.check()?;
-    args.fringes.settings()?;
     let (bench, cell) = (Bench::demo()?, Cell::new(args.board.clone(), 1)?);
     let drifts = drifts();
     let work = args.sets * args.recordings + args.undrifted + args.trials * drifts.len() as u64;

@@ -45,7 +45,7 @@ pub struct Recorded {
 impl Recorded {
     /// The demo's part in one of its places, with noise of its own.
     pub fn part(bench: &Bench, cell: &Cell, fringes: &Fringes, place: usize, cycle: u64) -> Result<Self> {
-        let (sequence, settings) = (fringes.sequence(), fringes.settings()?);
+        let (sequence, settings) = (fringes.sequence(), fringes.settings());
         let (turn_deg, shift_mm) = PLACES[place];
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));
         let world_from_part = Isometry3::from_parts(Vector3::from(shift_mm).into(), turn);
@@ -120,7 +120,7 @@ pub struct Fringes {
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(4..=64))]
     steps: u32,
     /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
-    #[arg(long, value_name = "PX", default_value_t = 0.577)]
+    #[arg(long, value_name = "PX", default_value_t = 0.577, value_parser = footprint)]
     footprint_px: f64,
 }
 
@@ -128,6 +128,16 @@ pub struct Fringes {
 fn period(text: &str) -> Result<f64, String> {
     let period_px: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if (6.0..=64.0).contains(&period_px) { Ok(period_px) } else { Err("must lie within 6 and 64".to_owned()) }
+}
+
+/// Footprints that the decoder takes.
+fn footprint(text: &str) -> Result<f64, String> {
+    let footprint_px: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.0..=1.0).contains(&footprint_px) {
+        Ok(footprint_px)
+    } else {
+        Err("must lie within 0 and 1".to_owned())
+    }
 }
 
 impl Fringes {
@@ -143,13 +153,8 @@ impl Fringes {
     }
 
     /// Settings of the decoder.
-    ///
-    /// # Errors
-    /// A footprint that no camera has.
-    pub fn settings(&self) -> Result<DecodeSettings> {
+    fn settings(&self) -> DecodeSettings {
         let footprint_px = (self.footprint_px > 0.0).then_some(self.footprint_px);
-        let settings = DecodeSettings { footprint_px, ..tolerant() };
-        settings.check()?;
-        Ok(settings)
+        DecodeSettings { footprint_px, ..tolerant() }
     }
 }

@@ -67,16 +67,31 @@ impl StereoGeometry {
     /// Signed first-order distance of a pair of pixels (as seen, distorted) from fulfilling the epipolar constraint, px
     /// (Sampson); `None` where a lens model folds over or the points are the epipoles.
     pub fn epipolar_error_px(&self, left: Point2<f64>, right: Point2<f64>) -> Option<f64> {
-        let ideal = |camera: &Camera, pixel: Point2<f64>| {
-            let ideal = camera.normalised_from_pixel(pixel)?;
-            Some(camera.matrix() * Vector3::new(ideal.x, ideal.y, 1.0))
-        };
-        let (l, r) = (ideal(&self.left, left)?, ideal(&self.right, right)?);
-        let (in_right, in_left) = (self.fundamental * l, self.fundamental.transpose() * r);
+        self.straight_error_px(&self.straight_left(left)?, &self.straight_right(right)?)
+    }
+
+    /// A left pixel without the lens's distortion, homogeneous; `None` where the lens model folds over.
+    pub(crate) fn straight_left(&self, pixel: Point2<f64>) -> Option<Vector3<f64>> {
+        straight(&self.left, pixel)
+    }
+
+    /// The same of a right pixel.
+    pub(crate) fn straight_right(&self, pixel: Point2<f64>) -> Option<Vector3<f64>> {
+        straight(&self.right, pixel)
+    }
+
+    /// [`Self::epipolar_error_px`] of pixels without distortion.
+    pub(crate) fn straight_error_px(&self, left: &Vector3<f64>, right: &Vector3<f64>) -> Option<f64> {
+        let (in_right, in_left) = (self.fundamental * left, self.fundamental.transpose() * right);
         let slope = (in_right.xy().norm_squared() + in_left.xy().norm_squared()).sqrt();
-        let error = r.dot(&in_right) / slope;
+        let error = right.dot(&in_right) / slope;
         error.is_finite().then_some(error)
     }
+}
+
+fn straight(camera: &Camera, pixel: Point2<f64>) -> Option<Vector3<f64>> {
+    let ideal = camera.normalised_from_pixel(pixel)?;
+    Some(camera.matrix() * Vector3::new(ideal.x, ideal.y, 1.0))
 }
 
 /// K⁻¹ in closed form: K is upper triangular.

@@ -59,8 +59,25 @@ pub(super) struct Answer {
 /// The epipolar residual of a pair with its derivatives.
 pub(super) struct Sensitivity {
     middle: StereoGeometry,
-    /// Geometry with each parameter lower and higher, and twice the step.
-    sides: Vec<(StereoGeometry, StereoGeometry, f64)>,
+    /// One for each parameter of the left view, then of the right one.
+    sides: Vec<Sides>,
+}
+
+/// The pair with a parameter of one view lower and higher.
+struct Sides {
+    low: StereoGeometry,
+    high: StereoGeometry,
+    /// The higher value less the lower one.
+    width: f64,
+    moves: Moves,
+}
+
+/// Whose pixels without distortion a parameter moves: most of the time goes into finding these.
+enum Moves {
+    Left,
+    Right,
+    /// A pose moves none.
+    Neither,
 }
 
 impl Sensitivity {
@@ -76,8 +93,14 @@ impl Sensitivity {
             }
         };
         let side = |place: usize| {
-            let step = step(PARAMETERS[place % COUNT]);
-            (geometry(place, -step), geometry(place, step), 2.0 * step)
+            let name = PARAMETERS[place % COUNT];
+            let step = step(name);
+            let moves = match (name.ends_with("_rad") || name.ends_with("_mm"), place < COUNT) {
+                (true, _) => Moves::Neither,
+                (false, true) => Moves::Left,
+                (false, false) => Moves::Right,
+            };
+            Sides { low: geometry(place, -step), high: geometry(place, step), width: 2.0 * step, moves }
         };
         Self { middle: StereoGeometry::new(left, right), sides: (0..2 * COUNT).map(side).collect() }
     }
@@ -89,19 +112,25 @@ impl Sensitivity {
 
     /// `None` where a lens model folds over.
     pub fn at(&self, left: Point2<f64>, right: Point2<f64>) -> Option<Answer> {
-        let error_px = self.middle.epipolar_error_px(left, right)?;
+        let straight = (self.middle.straight_left(left)?, self.middle.straight_right(right)?);
+        let error_px = self.middle.straight_error_px(&straight.0, &straight.1)?;
         let mut slope = [0.0; 2];
         for (axis, slope) in slope.iter_mut().enumerate() {
-            let (mut low, mut high) = (right, right);
-            low[axis] -= PIXEL_STEP;
-            high[axis] += PIXEL_STEP;
-            let difference =
-                self.middle.epipolar_error_px(left, high)? - self.middle.epipolar_error_px(left, low)?;
-            *slope = difference / (2.0 * PIXEL_STEP);
+            let beside = |by: f64| {
+                let mut moved = right;
+                moved[axis] += by;
+                self.middle.straight_error_px(&straight.0, &self.middle.straight_right(moved)?)
+            };
+            *slope = (beside(PIXEL_STEP)? - beside(-PIXEL_STEP)?) / (2.0 * PIXEL_STEP);
         }
         let mut by = [0.0; 2 * COUNT];
-        for (by, (low, high, width)) in by.iter_mut().zip(&self.sides) {
-            *by = (high.epipolar_error_px(left, right)? - low.epipolar_error_px(left, right)?) / width;
+        for (by, sides) in by.iter_mut().zip(&self.sides) {
+            let error = |geometry: &StereoGeometry| match sides.moves {
+                Moves::Left => geometry.straight_error_px(&geometry.straight_left(left)?, &straight.1),
+                Moves::Right => geometry.straight_error_px(&straight.0, &geometry.straight_right(right)?),
+                Moves::Neither => geometry.straight_error_px(&straight.0, &straight.1),
+            };
+            *by = (error(&sides.high)? - error(&sides.low)?) / sides.width;
         }
         Some(Answer { error_px, slope, by })
     }

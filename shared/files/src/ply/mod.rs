@@ -32,6 +32,9 @@ const HEADER_END: &[u8] = b"end_header";
 /// A bounding box below this diagonal is more likely in metres than a part of that size in mm.
 const METRES_BELOW_MM: f64 = 1.0;
 
+/// What a comment `unit` may say.
+const MILLIMETRES: [&str; 5] = ["mm", "millimeter", "millimeters", "millimetre", "millimetres"];
+
 /// A cloud as read.
 #[derive(Debug, Clone, Default)]
 pub struct Cloud {
@@ -146,7 +149,28 @@ fn read_body<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -
         || FileError::new(path, Problem::Missing("the element \"vertex\"".into()), "is this a point cloud?");
     let cloud = cloud.ok_or_else(missing)?;
     refuse_surplus(path, header, reader)?;
+    check_values(path, &cloud)?;
     Ok(cloud)
+}
+
+/// Refuses another unit than mm, and uncertainties that none can be.
+fn check_values(path: &Path, cloud: &Cloud) -> Result<(), FileError> {
+    if let Some(unit) = cloud.comment("unit").filter(|unit| !MILLIMETRES.contains(&unit.trim())) {
+        let problem = Problem::Unsupported(format!("has lengths in \"{unit}\" by its comment \"unit\""));
+        return Err(FileError::new(path, problem, "lengths are read as mm: convert them, and the comment"));
+    }
+    let wrong = |point: &&Point| point.sigma_mm < 0.0 || point.sigma_mm.is_infinite();
+    let count = cloud.points.iter().filter(wrong).count();
+    if cloud.columns.sigma && count > 0 {
+        let problem = Problem::Unsupported(format!(
+            "has {count} of {} points whose \"sigma\" is negative or infinite",
+            cloud.points.len()
+        ));
+        let remedy =
+            "a standard uncertainty is 0 mm or more: write the file again, or leave the property out";
+        return Err(FileError::new(path, problem, remedy));
+    }
+    Ok(())
 }
 
 /// A cloud of the vertices read, without those that are nowhere.

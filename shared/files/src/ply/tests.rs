@@ -61,6 +61,25 @@ fn text_and_big_endian_and_unknown_elements_are_read() {
 }
 
 #[test]
+fn another_unit_and_uncertainties_that_none_can_be_are_refused() {
+    let text = |unit: &str, sigma: &str| {
+        format!(
+            "ply\nformat ascii 1.0\ncomment unit: {unit}\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+             property float sigma\nend_header\n1 2 3 0.01\n4 5 6 {sigma}\n"
+        )
+    };
+    for unit in ["mm", "millimetres"] {
+        assert_eq!(read(text(unit, "0").as_bytes()).unwrap().points.len(), 2);
+    }
+    for (unit, sigma, message) in
+        [("inch", "0", "\"inch\""), ("mm", "-0.01", "1 of 2 points"), ("mm", "1e39", "1 of 2 points")]
+    {
+        let error = read(text(unit, sigma).as_bytes()).unwrap_err();
+        assert!(error.contains(message), "{error}");
+    }
+}
+
+#[test]
 fn points_that_are_no_numbers_are_left_out_and_counted() {
     let mut points = points(4);
     points[1].position_mm[2] = f64::NAN;

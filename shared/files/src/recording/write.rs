@@ -107,7 +107,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Takes a frame from a foreign file: PNG and TIFF by a hard link (or a copy where that is not possible),
+    /// Takes a frame from a foreign file: PNG and TIFF as they are,
     /// others, and channels of colour pictures, by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`];
     /// with a mosaic the file is the raw picture behind it.
     ///
@@ -139,9 +139,11 @@ impl RecordingWriter {
         if place.exists() {
             return Err(FileError::new(&place, Problem::Unsupported("exists already".into()), ""));
         }
-        // Across file systems there are no hard links, and one to a symbolic link would point from the wrong folder.
-        if file.is_symlink() || std::fs::hard_link(file, &place).is_err() {
-            std::fs::copy(file, &place).map_err(|source| FileError::io(&place, "copy the frame", source))?;
+        // A copy and no hard link: who writes over a frame of the recording must not write over the original.
+        if let Err(source) = std::fs::copy(file, &place) {
+            // Half a frame must not stay.
+            let _ = std::fs::remove_file(&place);
+            return Err(FileError::io(&place, "copy the frame", source));
         }
         *slot = true;
         Ok(())

@@ -9,7 +9,7 @@ use thiserror::Error;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum DecodeError {
     /// A set has an impossible number.
-    #[error("set {index} (\"{name}\") of the sequence")]
+    #[error("set {} (\"{name}\") of the sequence", .index + 1)]
     Pattern {
         /// Position in the sequence, from 0.
         index: usize,
@@ -162,7 +162,8 @@ pub enum DecodeError {
     },
     /// A code set without anything to compare its bits with.
     #[error(
-        "gray set {index} on axis {axis:?} has no threshold ({wanted:?}): the sequence lacks {missing}; add it or set `threshold`"
+        "gray set {} on axis {axis:?} has no threshold ({wanted:?}): the sequence lacks {missing}; add it or set `threshold`",
+        .index + 1
     )]
     MissingThreshold {
         /// Position in the sequence.
@@ -176,7 +177,8 @@ pub enum DecodeError {
     },
     /// The code repeats before the projector ends.
     #[error(
-        "gray set {index} on axis {axis:?} numbers {covers_px} projector pixels of {extent_px}: its stripes would repeat; more bits or longer stripes are needed"
+        "gray set {} on axis {axis:?} numbers {covers_px} projector pixels of {extent_px}: its stripes would repeat; more bits or longer stripes are needed",
+        .index + 1
     )]
     CodeTooShort {
         /// Position in the sequence.
@@ -216,7 +218,8 @@ pub enum DecodeError {
     },
     /// A wrapped phase for a set that is not decoded, or of another size.
     #[error(
-        "set {index} takes no wrapped phase of {pixels} pixels: it is no sine set in use, or the size differs"
+        "set {} takes no wrapped phase of {pixels} pixels: it is no sine set in use, or the size differs",
+        .index + 1
     )]
     Replace {
         /// Position in the sequence.

@@ -7,6 +7,10 @@
 //! arg Z = φ + s² (½ ∇²φ + ∇ln R · ∇φ),      |Z| = R (1 − ½ s² |∇φ|²) + ½ s² ∇²R
 //! ```
 //!
+//! With the modulation as it is seen, |Z| in place of R, fine fringes leave a part of fourth order, of which the largest is
+//! ½ s⁴ ∇φᵀ H ∇φ, H the second derivatives of φ: from ln |Z|, whose gradient has −s² H ∇φ, the formula takes twice of what a Gaussian
+//! does to a curved phase. Beside ½ s² ∇²φ it is s² |∇φ|²: for s² = 0.25 px² 4 % where a fringe is 16 px wide in the picture, 15 % where it is 8.
+//!
 //! The first states that curvature and shading shift the phase; a sphere measured by two cameras comes out too large by
 //! some s² times the square of the pixel's size over its radius, 5 to 12 µm at 0.2 mm per pixel. The second states how to
 //! find s² without knowing the lens: steep fringes lose modulation. The difference of white and black is R with the
@@ -24,7 +28,7 @@
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
-use super::survey::Survey;
+use super::survey::{Expected, Survey};
 use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::vectorised;
@@ -51,7 +55,7 @@ const MOST_PX2: f64 = 0.6;
 #[derive(Debug)]
 pub struct Footprint {
     width: usize,
-    /// ½ ∇²φ + ∇ln R · ∇φ, rad/px²; NaN where the neighbourhood is not smooth.
+    /// The bias over s², rad/px²; NaN where the neighbourhood is not smooth.
     bias: Vec<f32>,
     jobs: Vec<Bins>,
 }
@@ -97,16 +101,16 @@ impl Footprint {
     }
 
     /// Derivatives of the whole map, and from them the variance s² of the footprint; `None` where the frames do
-    /// not determine it. `shape`: its variances along x and y over their mean.
+    /// not determine it.
     pub fn survey(
         &mut self,
         map: &PhaseViewMut,
         reflectance: Option<Reflectance>,
-        shape: [f32; 2],
+        expected: Expected,
         level: Level,
     ) -> Option<Line> {
         let width = self.width;
-        let survey = Survey { map, reflectance: reflectance.as_ref(), shape, width };
+        let survey = Survey { map, reflectance: reflectance.as_ref(), expected, width };
         let parts = self.bias.par_chunks_mut(ROWS * width).zip(&mut self.jobs).enumerate();
         parts.for_each(|(chunk, (bias, bins))| {
             *bins = [[Sums::default(); GROUPS]; BINS];
@@ -272,9 +276,11 @@ impl Decoder {
             return Ok((None, None));
         }
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
-        let seen = self.footprint.survey(out, reflectance, shape, self.level);
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
+        // What the frames say comes with the derivatives; until then it is the footprint of the usual lens.
+        let expected = Expected { shape, variance_px2: known_px2.unwrap_or(LENS_PX2) as f32 };
+        let seen = self.footprint.survey(out, reflectance, expected, self.level);
         let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
         if let Some(variance_px2) = variance_px2 {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);

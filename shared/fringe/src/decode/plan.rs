@@ -323,7 +323,7 @@ impl Plan {
             .filter(|(index, set)| !used[*index] && !matches!(set, PatternSet::Check { .. }))
         {
             let home = self.axes.iter().position(|a| Some(a.axis) == set.axis()).unwrap_or(0);
-            self.axes[home].ignored.push(format!("set {index} (\"{}\")", set.name()));
+            self.axes[home].ignored.push(format!("set {} (\"{}\")", index + 1, set.name()));
         }
         Ok(())
     }

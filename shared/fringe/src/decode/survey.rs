@@ -38,10 +38,19 @@ pub struct Survey<'a> {
     pub map: &'a PhaseViewMut<'a>,
     /// The frames that give the reflectance, where there are any.
     pub reflectance: Option<&'a Reflectance<'a>>,
-    /// Variances of the footprint along x and y over their mean; [1, 1] where it is round.
-    pub shape: [f32; 2],
+    /// What is known of the footprint beforehand.
+    pub expected: Expected,
     /// Width of the image, px.
     pub width: usize,
+}
+
+/// A footprint as it is known before the frames are asked.
+#[derive(Debug, Clone, Copy)]
+pub struct Expected {
+    /// Variances along x and y over their mean; [1, 1] where it is round.
+    pub shape: [f32; 2],
+    /// Their mean, for the terms of fourth order, px².
+    pub variance_px2: f32,
 }
 
 /// One value for each of the pixels side by side.
@@ -106,15 +115,11 @@ impl RowSums {
     }
 }
 
-/// ½ ∇²φ + ∇ln R · ∇φ and |∇φ|² of the pixels whose five rows are given; NaN where they are not one smooth surface. What belongs to x
-/// and to y is weighted by the shape of the footprint.
+/// The bias of the phase over the variance of the footprint (see `footprint`) and |∇φ|² of the pixels whose five rows are given; NaN where they
+/// are not one smooth surface. What belongs to x and to y is weighted by the shape of the footprint.
 #[inline(always)]
-fn window(
-    rows: [&RowSums; 5],
-    sigma_rad: &Lanes,
-    modulation: &Lanes,
-    [along_x, along_y]: [f32; 2],
-) -> (Lanes, Lanes) {
+fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes, expected: &Expected) -> (Lanes, Lanes) {
+    let [along_x, along_y] = expected.shape;
     let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let m = rows[2].middle[i];
@@ -145,7 +150,10 @@ fn window(
         let shading = 1.0 / (SUM_X2 * modulation[i]);
         let (u, v) = (across(light_slope) * shading, along(light) * shading);
         let curve = (along_x * dxx + along_y * dyy) * (1.0 / SUM_Q2);
-        let value = curve + (along_x * (u * x) + along_y * (v * y));
+        // ½ gᵀ H g, H the second derivatives.
+        let (gx, gy) = (along_x * x, along_y * y);
+        let fourth = (gx * gx * dxx + gy * gy * dyy) * (1.0 / SUM_Q2) + gx * gy * (dxy * (1.0 / SUM_XY2));
+        let value = curve + (u * gx + v * gy) + expected.variance_px2 * fourth;
         bias[i] = if smooth { value } else { f32::NAN };
         slope2[i] = if smooth { along_x * (x * x) + along_y * (y * y) } else { f32::NAN };
     }
@@ -165,7 +173,7 @@ fn along(v: [f32; 5]) -> f32 {
 }
 
 impl Survey<'_> {
-    /// Fills ½ ∇²φ + ∇ln R · ∇φ of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
+    /// Fills the bias over the variance of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
     #[inline(always)]
     pub fn rows(&self, row: usize, bias: &mut [f32], bins: &mut Bins) {
         let (width, height) = (self.width, self.map.phase_rad.len() / self.width);
@@ -200,7 +208,7 @@ impl Survey<'_> {
                     }
                     let modulation = taken(self.map.modulation, at);
                     let (found, slope2) =
-                        window(rows, &taken(self.map.sigma_rad, at), &modulation, self.shape);
+                        window(rows, &taken(self.map.sigma_rad, at), &modulation, &self.expected);
                     bias[at - row * width..][..LANES].copy_from_slice(&found);
                     let counted = column + group * LANES - start(group);
                     self.add_to_bins(at, counted, (&slope2, &modulation), y % GROUPS, bins);

@@ -35,6 +35,7 @@ use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
 const RADIUS_PER_SPACING: f64 = 3.0;
@@ -85,6 +86,16 @@ pub struct Overlap {
     /// Root mean square of (distance − mean) over its predicted uncertainty, which takes the points as independent; about 1
     /// when noise is all there is, some 1.1 where neighbours share noise because they were smoothed. Absent without points or uncertainties.
     pub sd_over_sigma: Option<f64>,
+}
+
+impl fmt::Display for Overlap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.count == 0 {
+            return write!(f, "none, so that nothing tells whether they agree");
+        }
+        let (mean_um, sd_um) = (1e3 * self.mean_mm, 1e3 * self.sd_mm);
+        write!(f, "{} points, mean {mean_um:+.1} µm, standard deviation {sd_um:.1} µm", self.count)
+    }
 }
 
 /// Counts and overlaps of a fusion.

@@ -87,7 +87,7 @@ fn an_order_without_its_set_says_which_one_is_missing() {
     let bad = moved(6, 16.0);
     let PatternSet::Gray { axis, bits, stripe_px, invert, code, threshold, .. } = bad else { unreachable!() };
     let bad = PatternSet::Gray { axis, bits, stripe_px, shift_px: 16.0, invert, code, threshold };
-    assert!(error(&[sine(x, 16.0, 4), bad], OrderMethod::Auto).contains("set 1"));
+    assert!(error(&[sine(x, 16.0, 4), bad], OrderMethod::Auto).contains("set 2"));
     assert!(matches!(stair(16.0, 2).check(), Err(crate::pattern::PatternError::StairSteps { steps: 2 })));
 }
 
