@@ -121,6 +121,8 @@ impl RowSums {
 fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes, expected: &Expected) -> (Lanes, Lanes) {
     let [along_x, along_y] = expected.shape;
     let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
+    let (mut gx, mut gy) = ([0.0; LANES], [0.0; LANES]);
+    let (mut half_xx, mut half_yy, mut xy) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let m = rows[2].middle[i];
         let (mut g, mut slope, mut curve) = ([0.0_f32; 5], [0.0_f32; 5], [0.0_f32; 5]);
@@ -150,12 +152,16 @@ fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes, expected: 
         let shading = 1.0 / (SUM_X2 * modulation[i]);
         let (u, v) = (across(light_slope) * shading, along(light) * shading);
         let curve = (along_x * dxx + along_y * dyy) * (1.0 / SUM_Q2);
-        // ½ gᵀ H g, H the second derivatives.
-        let (gx, gy) = (along_x * x, along_y * y);
-        let fourth = (gx * gx * dxx + gy * gy * dyy) * (1.0 / SUM_Q2) + gx * gy * (dxy * (1.0 / SUM_XY2));
-        let value = curve + (u * gx + v * gy) + expected.variance_px2 * fourth;
+        let value = curve + (along_x * (u * x) + along_y * (v * y));
         bias[i] = if smooth { value } else { f32::NAN };
         slope2[i] = if smooth { along_x * (x * x) + along_y * (y * y) } else { f32::NAN };
+        (gx[i], gy[i]) = (along_x * x, along_y * y);
+        (half_xx[i], half_yy[i], xy[i]) = (dxx * (1.0 / SUM_Q2), dyy * (1.0 / SUM_Q2), dxy * (1.0 / SUM_XY2));
+    }
+    // ½ gᵀ H g, H the second derivatives. In a loop of its own: with it the one above needs more registers than there are.
+    for i in 0..LANES {
+        let (g, h) = (gx[i], gy[i]);
+        bias[i] += expected.variance_px2 * (g * g * half_xx[i] + h * h * half_yy[i] + g * h * xy[i]);
     }
     (bias, slope2)
 }
