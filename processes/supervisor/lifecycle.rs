@@ -10,7 +10,7 @@ use ipc::header::Command;
 use ipc::os::now_ns;
 
 /// Shortest time limit for connecting, ns, and what each byte of the cell's shared memory adds: connecting maps and touches all that a stage
-/// sees of it, which a busy computer does at less than a tenth of a GB a second.
+/// sees of it, which takes its time where other work keeps the cores busy.
 const MIN_CONNECT_NS: u64 = 5_000_000_000;
 const CONNECT_NS_PER_BYTE: u64 = 12;
 

@@ -4,15 +4,13 @@ use super::shown::Shown;
 use super::{Args, Judge};
 use crate::reconstruct::{DecodedRecording, Method, surface_settings};
 use anyhow::{Result, bail};
-use characterise::health::{LengthReading, ViewEstimate};
+use characterise::health::{KNOWN_LENGTH, LengthReading, ViewEstimate};
 use files::rig_file::RigFile;
 use fringe::geometry::camera::Camera;
 use metrology::inspection::{Plan, Quantity, evaluate};
 
-/// A measured length this many standard uncertainties from the certified one is wrong …
+/// A measured length this many standard uncertainties from the certified one is wrong; the calibration adds to them what a good one leaves.
 const WRONG: f64 = 3.5;
-/// … to which the calibration adds this part of the length, as a good one leaves it.
-const CALIBRATED: f64 = 2e-5;
 
 /// The certified lengths that the rig as it is does not measure within their uncertainty, in words.
 ///
@@ -22,11 +20,10 @@ pub fn wrong(args: &Args, shown: &[Shown], rig_file: &RigFile) -> Result<Vec<Str
     let (mut wrong, mut measured) = (Vec::new(), 0);
     for shown in shown {
         let Some(plan) = &shown.plan else { continue };
-        let decoded =
-            DecodedRecording::new(&shown.recording, rig_file, Method::Phase, &surface_settings(None))?;
+        let decoded = decoded(shown, rig_file)?;
         for (feature, found) in plan.features.iter().zip(lengths(plan, &decoded, rig_file)?) {
             let Some((value, u)) = found else { continue };
-            let (error_mm, u_mm) = (value - feature.nominal, u.hypot(CALIBRATED * feature.nominal));
+            let (error_mm, u_mm) = (value - feature.nominal, u.hypot(KNOWN_LENGTH * feature.nominal));
             measured += 1;
             if error_mm.abs() > WRONG * u_mm {
                 wrong.push(format!(
@@ -81,6 +78,10 @@ fn refuse_unmeasured(args: &Args, shown: &[Shown]) -> Result<()> {
     Ok(())
 }
 
+fn decoded(shown: &Shown, rig_file: &RigFile) -> Result<DecodedRecording> {
+    DecodedRecording::new(&shown.recording, rig_file, Method::Phase, &surface_settings(None))
+}
+
 fn readings_of(
     plan: &Plan,
     shown: &Shown,
@@ -88,8 +89,7 @@ fn readings_of(
     estimate: &ViewEstimate,
 ) -> Result<Vec<LengthReading>> {
     let certified: Vec<f64> = plan.features.iter().map(|feature| feature.nominal).collect();
-    let decoded =
-        DecodedRecording::new(&shown.recording, judge.rig_file, Method::Phase, &surface_settings(None))?;
+    let decoded = decoded(shown, judge.rig_file)?;
     let seen = |view: &Camera| RigFile { rig: judge.rig_with(view), ..judge.rig_file.clone() };
     estimate.readings(&certified, |view| lengths(plan, &decoded, &seen(view)))
 }

@@ -75,8 +75,8 @@ pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<Strin
     let checks = || shown.iter().flat_map(|shown| &shown.checks).map(|(check, _)| check);
     let known = |name: &String| checks().any(|check| check.left == *name || check.right == *name);
     if let Some(name) = &args.view {
-        let ill = || checks().filter(|check| !check.health.healthy);
         if known(name) {
+            let ill = || checks().filter(|check| !check.health.healthy);
             let has = |check: &PairCheck| check.left == *name || check.right == *name;
             if let Some(other) = ill().next().filter(|_| !ill().any(has)) {
                 bail!(

@@ -4,7 +4,6 @@ use super::{Check, State, largest_frame_bytes};
 use devices::LoadedCell;
 use ipc::left_behind::{LeftBehind, left_behind};
 use ipc::os;
-use std::fmt::Write as _;
 use std::path::Path;
 
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -66,10 +65,10 @@ fn check_shared_memory(cell: Option<&LoadedCell>, free: Result<u64, String>, lef
         true => State::Warning,
         false => State::Bad,
     };
-    let mut found = format!("{} MB free, {whose} {} MB", mb(free), mb(needed));
-    if let Some(LeftBehind { cell, bytes, remove }) = left.first() {
-        let _ = write!(found, ", {} MB are what the killed cell \"{cell}\" left", mb(*bytes));
-        return Check::new(name, state, found).mended_by(format!("{} MB", mb(needed)), remove.clone());
+    let found = format!("{} MB free, {whose} {} MB", mb(free), mb(needed));
+    if let Some(left) = left.first() {
+        let check = Check::new(name, state, format!("{found}, {left}"));
+        return check.mended_by(format!("{} MB", mb(needed)), left.remove.clone());
     }
     // Room for what else lies there.
     let size = (needed + needed / 4).div_ceil(1 << 20);

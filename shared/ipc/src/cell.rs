@@ -12,7 +12,7 @@
 //! of 32 bytes leaves 12 bytes for the prefix: hence a hash.
 
 use crate::error::IpcError;
-use crate::left_behind::{LeftBehind, left_behind};
+use crate::left_behind::left_behind;
 use crate::os;
 use crate::runtime_folder::{RuntimeFolder, file_error};
 use crate::segments::{self, SHARED_MEMORY, Sizes};
@@ -178,9 +178,7 @@ impl CellLock {
         if needed_bytes.saturating_sub(FOLDER_BYTES) <= free {
             return Ok(());
         }
-        let left = left_behind().into_iter().map(|LeftBehind { cell, bytes, remove }| {
-            format!("; {} MB are what the killed cell \"{cell}\" left: {remove}", bytes / 1_000_000)
-        });
+        let left = left_behind().into_iter().map(|left| format!("; {left}: {}", left.remove));
         Err(IpcError::Space {
             free_mb: free / 1_000_000,
             needed_mb: needed_bytes.div_ceil(1_000_000),

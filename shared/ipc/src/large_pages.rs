@@ -114,9 +114,9 @@ fn collapse(range: Range<usize>, size: usize, in_time: &dyn Fn() -> bool) -> u64
     let advise =
         |at: usize, length, advice| unsafe { libc::madvise(at as *mut libc::c_void, length, advice) == 0 };
     let end = range.start + range.len() / size * size;
-    let mut bytes = 0;
-    for start in (range.start..end).step_by(AT_ONCE.next_multiple_of(size)) {
-        let part = start..end.min(start + AT_ONCE.next_multiple_of(size));
+    let (mut bytes, at_once) = (0, AT_ONCE.next_multiple_of(size));
+    for start in (range.start..end).step_by(at_once) {
+        let part = start..end.min(start + at_once);
         // Of a page that nobody has touched there is nothing to put together. Where there is no memory for it, this fails.
         let touched = in_time()
             && part.clone().step_by(size).all(|page| advise(page, SMALL, libc::MADV_POPULATE_WRITE));

@@ -3,8 +3,8 @@
 use crate::cell::{CellName, running_pid};
 use crate::runtime_folder::user;
 use crate::segments::{self, SHARED_MEMORY};
-use std::fs;
 use std::os::unix::fs::MetadataExt;
+use std::{fmt, fs};
 
 /// What a cell that no supervisor runs any more holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -15,6 +15,12 @@ pub struct LeftBehind {
     pub bytes: u64,
     /// The command that frees them.
     pub remove: String,
+}
+
+impl fmt::Display for LeftBehind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} MB are what the killed cell \"{}\" left", self.bytes / 1_000_000, self.cell)
+    }
 }
 
 /// The cells of this user that left segments, by name; none where /dev/shm cannot be listed.

@@ -15,6 +15,7 @@ use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseMap, PhaseView};
 use metrology::inspection::evaluate;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use std::ops::RangeInclusive;
 use twin::{Twin, TwinSettings};
 
 /// The length standard: spheres of the part, certified.
@@ -114,30 +115,21 @@ fn both(maps: &[PhaseMap]) -> Result<[PhaseView<'_>; 2]> {
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Fringes {
     /// Projector columns of a fringe; rows of a fringe are an eighth more.
-    #[arg(long, value_name = "PX", default_value_t = 8.0, value_parser = period)]
+    #[arg(long, value_name = "PX", default_value_t = 8.0, value_parser = |text: &str| within(text, 6.0..=64.0))]
     period_px: f64,
     /// Steps of each axis.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(4..=64))]
     steps: u32,
     /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
-    #[arg(long, value_name = "PX", default_value_t = 0.577, value_parser = footprint)]
+    #[arg(long, value_name = "PX", default_value_t = 0.577, value_parser = |text: &str| within(text, 0.0..=1.0))]
     footprint_px: f64,
 }
 
-/// Periods of which half a fringe is a stripe that eight bits can number.
-fn period(text: &str) -> Result<f64, String> {
-    let period_px: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (6.0..=64.0).contains(&period_px) { Ok(period_px) } else { Err("must lie within 6 and 64".to_owned()) }
-}
-
-/// Footprints that the decoder takes.
-fn footprint(text: &str) -> Result<f64, String> {
-    let footprint_px: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (0.0..=1.0).contains(&footprint_px) {
-        Ok(footprint_px)
-    } else {
-        Err("must lie within 0 and 1".to_owned())
-    }
+/// A number within limits: a period of which half a fringe is a stripe that eight bits can number, a footprint that the decoder takes.
+fn within(text: &str, limits: RangeInclusive<f64>) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    let outside = || format!("must lie within {} and {}", limits.start(), limits.end());
+    if limits.contains(&value) { Ok(value) } else { Err(outside()) }
 }
 
 impl Fringes {

@@ -20,7 +20,7 @@ use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Vector3;
 
 /// Lengths that are this well known, relative to themselves, are known: 2 µm in 100 mm, as a good calibration leaves them.
-const KNOWN_LENGTH: f64 = 2e-5;
+pub const KNOWN_LENGTH: f64 = 2e-5;
 /// Probability with which a true model is contradicted: a larger one is then taken, which costs little.
 const CONTRADICTED: f64 = 0.05;
 

@@ -36,7 +36,7 @@ mod tiles;
 mod volume;
 
 pub use calibrated::ViewCovariance;
-pub use choice::{Choice, ViewCorrection};
+pub use choice::{Choice, KNOWN_LENGTH, ViewCorrection};
 pub use correct::{LengthReading, ViewEstimate, estimate_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};
 pub use error::HealthError;

@@ -1,6 +1,7 @@
 //! The parameters of both views of a pair, and how an epipolar residual answers to them.
 
 use super::HealthError;
+use super::state::POSE;
 use crate::calibration::{PARAMETERS, StereoGeometry, moved};
 use fringe::geometry::camera::Camera;
 use nalgebra::Point2;
@@ -95,7 +96,7 @@ impl Sensitivity {
         let side = |place: usize| {
             let name = PARAMETERS[place % COUNT];
             let step = step(name);
-            let moves = match (name.ends_with("_rad") || name.ends_with("_mm"), place < COUNT) {
+            let moves = match (POSE.contains(&name), place < COUNT) {
                 (true, _) => Moves::Neither,
                 (false, true) => Moves::Left,
                 (false, false) => Moves::Right,

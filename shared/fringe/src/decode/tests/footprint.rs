@@ -94,7 +94,7 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
     }
 }
 
-/// A sphere's phase in fine fringes: steep and curved, so that what is of fourth order in s shows.
+/// A phase of fine fringes that is steep and curved, so that what is of fourth order in s shows.
 #[test]
 fn fine_fringes_leave_no_bias_of_fourth_order() {
     let phase = |x: f64, y: f64| {
