@@ -74,10 +74,10 @@ impl Bounce {
         bands.enumerate().for_each(|(band, (excess, sums))| {
             let (mut cells, first) = (Cells::new(columns, sums), 1 + band * BAND);
             for row in [first - 1, first] {
-                vectorised!(level, cells.fill(row, &seen, light));
+                vectorised!(level, |simd| cells.fill(simd, row, &seen, light));
             }
             for (row, excess) in (first..).zip(excess.chunks_mut(columns)) {
-                vectorised!(level, cells.fill(row + 1, &seen, light));
+                vectorised!(level, |simd| cells.fill(simd, row + 1, &seen, light));
                 vectorised!(level, bounce_window::suspects(&cells.about(row), excess));
                 for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
                     cells.complete([row, column], &seen, light, level);

@@ -7,8 +7,8 @@ use super::block::filled;
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use crate::math::simd::{taken, vectorised};
-use fearless_simd::Level;
+use crate::math::simd::{loaded, put, taken, vectorised};
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
 
 /// Edge of a cell, px.
 pub(super) const CELL: usize = 4;
@@ -31,6 +31,8 @@ const KEPT: usize = SUMS + 1;
 pub(super) const PLAIN: f32 = 0.5;
 /// Number of pixels, sum and sum of squares of the ratio, variance by noise: they show how the ratio scatters, and its scatter follows from them.
 pub(super) const ASKED: [usize; 4] = [0, place(0, RATIO), place(RATIO, RATIO), NOISE];
+/// All sums over pixels.
+const EVERY: [usize; NOISE + 1] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 /// Pixels that are worked on side by side.
 const LANES: usize = 16;
 /// Cells that they belong to.
@@ -120,7 +122,7 @@ impl<'a> Cells<'a> {
     /// Takes a row of cells of an image in, in place of the third one before it: the sums that show how the ratio scatters. Rows count from 1;
     /// there is none at 0 and behind the last one.
     #[inline(always)]
-    pub(super) fn fill(&mut self, row: usize, seen: &Seen, light: &Light) {
+    pub(super) fn fill<S: Simd>(&mut self, simd: S, row: usize, seen: &Seen, light: &Light) {
         let length = KEPT * self.stride;
         let sums = &mut self.sums[row % LINES * length..][..length];
         for sum in ASKED.into_iter().chain([SCATTER, WHOLE]) {
@@ -128,7 +130,7 @@ impl<'a> Cells<'a> {
         }
         let Some(line) = seen.first_line(row) else { return };
         for column in (0..seen.width).step_by(LANES) {
-            light.sum::<false>(seen, [column, line], (sums, self.stride));
+            light.sum::<S, false>(simd, seen, [column, line], (sums, self.stride));
         }
     }
 
@@ -151,7 +153,12 @@ impl<'a> Cells<'a> {
                     && group * LANES < seen.width
                 {
                     let place = [group * LANES, line];
-                    vectorised!(level, light.sum::<true>(seen, place, (&mut *sums, self.stride)));
+                    vectorised!(level, |simd| light.sum::<_, true>(
+                        simd,
+                        seen,
+                        place,
+                        (&mut *sums, self.stride)
+                    ));
                 }
             }
         }
@@ -189,16 +196,23 @@ impl Seen<'_> {
 impl Light<'_> {
     /// Sums the pixels from a column on, of up to four rows from one on, cell by cell: all sums, or those that show how the ratio scatters.
     #[inline(always)]
-    fn sum<const ALL: bool>(&self, seen: &Seen, place: [usize; 2], cells: (&mut [f32], usize)) {
+    fn sum<S: Simd, const ALL: bool>(
+        &self,
+        simd: S,
+        seen: &Seen,
+        place: [usize; 2],
+        cells: (&mut [f32], usize),
+    ) {
         match self.reflectance.rasters {
-            Rasters::Bytes(data) => self.sum_of::<ALL, u8>(data, seen, place, cells),
-            Rasters::Words(data) => self.sum_of::<ALL, u16>(data, seen, place, cells),
+            Rasters::Bytes(data) => self.sum_of::<S, ALL, u8>(simd, data, seen, place, cells),
+            Rasters::Words(data) => self.sum_of::<S, ALL, u16>(simd, data, seen, place, cells),
         }
     }
 
     #[inline(always)]
-    fn sum_of<const ALL: bool, T: Copy + Default + Into<u16>>(
+    fn sum_of<S: Simd, const ALL: bool, T: Copy + Default + Into<u16>>(
         &self,
+        simd: S,
         data: &[T],
         seen: &Seen,
         [column, row]: [usize; 2],
@@ -211,23 +225,44 @@ impl Light<'_> {
         let black = &data[levels.black * pixels..][..pixels];
         let lines = row..(row + CELL).min(pixels / width);
         let count = LANES.min(width - column);
-        let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
-        if !lines.clone().any(shown) {
+        let least = |y: usize| {
+            smooth[y * width + column..][..count]
+                .iter()
+                .fold(u32::MAX, |least, v| least.min(v.to_bits() << 1))
+        };
+        // Without its sign, the bits of a finite number are fewer than those of infinity.
+        if lines.clone().fold(u32::MAX, |all, y| all.min(least(y))) >= f32::INFINITY.to_bits() << 1 {
             return;
         }
         let mut sums = [[0.0; LANES]; NOISE + 1];
         for first in lines.map(|y| y * width + column) {
-            let known = filled(smooth, first, count, f32::NAN);
             // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
-            let near = |at: usize| filled(phase, at.min(pixels - count), count, 0.0);
-            let slopes = [
-                [near(first.max(1) - 1), near(first + 1)],
-                [near(first.max(width) - width), near(first + width)],
-            ];
-            let levels =
-                [filled(white, first, count, T::default()), filled(black, first, count, T::default())];
-            let own = [near(first), filled(modulation, first, count, 0.0)];
-            self.add::<ALL, T>(&levels, &own, &slopes, &known, &mut sums);
+            let at = [first.max(1) - 1, first + 1, first.max(width) - width, first + width]
+                .map(|at| at.min(pixels - count));
+            let lit = Levels {
+                light: filled(white, first, count, T::default()).map(value),
+                dark: filled(black, first, count, T::default()).map(value),
+                clipped_dn: f32::from(self.reflectance.clipped_dn),
+            };
+            if count == LANES {
+                let of = |at: usize| &phase[at..at + LANES];
+                let here = first..first + LANES;
+                let near = at.map(of);
+                let line = Line {
+                    smooth: &smooth[here.clone()],
+                    phase: of(first),
+                    modulation: &modulation[here],
+                    near,
+                };
+                self.add::<S, ALL>(simd, &lit, &line, &mut sums);
+            } else {
+                let of = |values: &[f32], at: usize, rest: f32| filled::<_, LANES>(values, at, count, rest);
+                let (known, own) = (of(smooth, first, f32::NAN), of(phase, first, 0.0));
+                let (shown, near) = (of(modulation, first, 0.0), at.map(|at| of(phase, at, 0.0)));
+                let near = [&near[0][..], &near[1], &near[2], &near[3]];
+                let line = Line { smooth: &known, phase: &own, modulation: &shown, near };
+                self.add::<S, ALL>(simd, &lit, &line, &mut sums);
+            }
         }
         store::<ALL>(&sums, cells, stride, 1 + column / CELL);
     }
@@ -235,46 +270,48 @@ impl Light<'_> {
     /// Adds the pixels side by side to the sums of their columns: the products of what a cell sums, and the variance of the ratio by noise; nothing where a
     /// pixel does not count.
     #[inline(always)]
-    fn add<const ALL: bool, T: Copy + Into<u16>>(
+    fn add<S: Simd, const ALL: bool>(
         &self,
-        [white, black]: &[[T; LANES]; 2],
-        [phase, modulation]: &[Lanes; 2],
-        [across, along]: &[[Lanes; 2]; 2],
-        smooth: &Lanes,
+        simd: S,
+        lit: &Levels,
+        line: &Line,
         sums: &mut [Lanes; NOISE + 1],
     ) {
         let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
         let of_steps = 2.0 / self.steps as f32;
         let turns = self.steps as f32 / std::f32::consts::TAU;
-        let mut kinds = [[0.0; LANES]; KINDS];
-        for l in 0..LANES {
-            let (light, dark): (u16, u16) = (white[l].into(), black[l].into());
-            let clipped = light >= self.reflectance.clipped_dn;
-            let (light, dark) = (f32::from(light), f32::from(dark));
-            let (x, y) = (0.5 * (across[1][l] - across[0][l]), 0.5 * (along[1][l] - along[0][l]));
-            let (range, modulation) = (light - dark, modulation[l]);
-            let steep = 0.5 * (x * x + y * y);
-            let ratio = modulation / range * (1.0 + self.footprint_px2 * steep);
-            let of_modulation = of_steps * (read + gain * 0.5 * (light + dark)) / (modulation * modulation);
-            let of_range = (2.0 * read + gain * (light + dark)) / (range * range);
+        let [zero, one] = [0.0, 1.0].map(|value| S::f32s::simd_from(simd, value));
+        for part in 0..LANES / S::f32s::LEN {
+            let first = part * S::f32s::LEN;
+            let near = |side: usize| loaded(simd, line.near[side], first);
+            let (light, dark) = (loaded(simd, &lit.light, first), loaded(simd, &lit.dark, first));
+            let (x, y) = ((near(1) - near(0)) * 0.5, (near(3) - near(2)) * 0.5);
+            let (range, modulation) = (light - dark, loaded(simd, line.modulation, first));
+            let steep = (x * x + y * y) * 0.5;
+            let ratio = modulation / range * (steep * self.footprint_px2 + 1.0);
+            let of_modulation = ((light + dark) * (gain * 0.5) + read) * of_steps / (modulation * modulation);
+            let of_range = ((light + dark) * gain + 2.0 * read) / (range * range);
             let noise = ratio * ratio * (of_modulation + of_range);
-            let turn = phase[l] * turns;
-            let counts = (smooth[l].abs() < f32::INFINITY) & !clipped & (range > 0.0) & (modulation > 0.0);
-            kinds[0][l] = if counts { 1.0 } else { 0.0 };
+            let counts = loaded(simd, line.smooth, first).is_finite()
+                & light.simd_lt(lit.clipped_dn)
+                & range.simd_gt(0.0)
+                & modulation.simd_gt(0.0);
+            let known = |value: S::f32s| counts.select(value, zero);
+            let mut kinds = [known(one), zero, zero, zero, known(ratio - PLAIN)];
             if ALL {
-                kinds[1][l] = if counts { steep } else { 0.0 };
-                kinds[2][l] = if counts { wave(turn + 0.25) } else { 0.0 };
-                kinds[3][l] = if counts { wave(turn) } else { 0.0 };
+                let turn = loaded(simd, line.phase, first) * turns;
+                (kinds[1], kinds[2], kinds[3]) =
+                    (known(steep), known(wave::<S>(turn + 0.25)), known(wave::<S>(turn)));
             }
-            kinds[RATIO][l] = if counts { ratio - PLAIN } else { 0.0 };
-            sums[NOISE][l] += if counts { noise } else { 0.0 };
-        }
-        for one in 0..KINDS {
-            for other in one..KINDS {
-                let at = place(one, other);
-                if ALL || ASKED.contains(&at) {
-                    for l in 0..LANES {
-                        sums[at][l] += kinds[one][l] * kinds[other][l];
+            let mut add = |at: usize, value: S::f32s| {
+                put::<S>(loaded(simd, &sums[at], first) + value, &mut sums[at], first);
+            };
+            add(NOISE, known(noise));
+            for one in 0..KINDS {
+                for other in one..KINDS {
+                    let at = place(one, other);
+                    if ALL || ASKED.contains(&at) {
+                        add(at, kinds[one] * kinds[other]);
                     }
                 }
             }
@@ -282,15 +319,37 @@ impl Light<'_> {
     }
 }
 
+/// A grey value, DN.
+#[inline(always)]
+fn value<T: Into<u16>>(grey: T) -> f32 {
+    f32::from(grey.into())
+}
+
+/// White and black of pixels side by side, DN.
+struct Levels {
+    light: Lanes,
+    dark: Lanes,
+    /// White from here on is clipped.
+    clipped_dn: f32,
+}
+
+/// What else is known of them; the phase of their neighbours to the left, to the right, above and below.
+struct Line<'a> {
+    smooth: &'a [f32],
+    phase: &'a [f32],
+    modulation: &'a [f32],
+    near: [&'a [f32]; 4],
+}
+
 /// Writes the sums of four columns each as those of cells from one on.
 #[inline(always)]
 fn store<const ALL: bool>(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: usize, first: usize) {
     let mut found = [[0.0_f32; GROUP]; SUMS];
-    let wanted = |sum: usize| ALL || sum == SCATTER || ASKED.contains(&sum);
-    for (_, (found, sums)) in found.iter_mut().zip(sums).enumerate().filter(|(sum, _)| wanted(*sum)) {
-        for (cell, sum) in found.iter_mut().enumerate() {
-            let at = cell * CELL;
-            *sum = ((sums[at] + sums[at + 1]) + sums[at + 2]) + sums[at + 3];
+    let wanted: &[usize] = if ALL { &EVERY } else { &ASKED };
+    for sum in wanted {
+        for (cell, found) in found[*sum].iter_mut().enumerate() {
+            let [a, b, c, d] = taken(&sums[*sum], cell * CELL);
+            *found = ((a + b) + c) + d;
         }
     }
     let (mean, squares) = (found[place(0, RATIO)], found[place(RATIO, RATIO)]);
@@ -299,15 +358,15 @@ fn store<const ALL: bool>(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: 
         found[SCATTER][cell] =
             if count > 0.0 { squares[cell] - mean[cell] * mean[cell] / count } else { 0.0 };
     }
-    for (sum, values) in found.iter().enumerate().filter(|(sum, _)| wanted(*sum)) {
-        cells[sum * stride + first..][..GROUP].copy_from_slice(values);
+    for sum in wanted.iter().chain([&SCATTER]) {
+        cells[sum * stride + first..][..GROUP].copy_from_slice(&found[*sum]);
     }
 }
 
 /// A wave of period 1 that begins as a sine and differs from it by a thousandth at most.
 #[inline(always)]
-fn wave(turn: f32) -> f32 {
-    let half = 0.5 - (turn - turn.floor());
-    let bow = 8.0 * half * (1.0 - 2.0 * half.abs());
-    bow * (0.775 + 0.225 * bow.abs())
+fn wave<S: Simd>(turn: S::f32s) -> S::f32s {
+    let half = -(turn - turn.floor() - 0.5);
+    let bow = half * 8.0 * (-(half.abs() * 2.0 - 1.0));
+    bow * (bow.abs() * 0.225 + 0.775)
 }

@@ -80,23 +80,18 @@ fn is_empty(rows: &[Row; LINES], first: usize) -> bool {
 fn scattered(rows: &[Row; LINES], first: usize) -> [f32; LANES] {
     let (mut sums, mut worst) = ([[0.0_f32; LANES]; ASKED.len()], rows[0].taken::<LANES>(SCATTER, first));
     // That of the nine cells which scatters most is left out.
-    let mut out = [[0.0_f32; LANES]; ASKED.len()];
-    for (values, asked) in out.iter_mut().zip(ASKED) {
-        *values = rows[0].taken(asked, first);
-    }
+    let mut out = ASKED.map(|asked| rows[0].taken::<LANES>(asked, first));
     for place in 1..9 {
         let (row, at) = (&rows[place / 3], first + place % 3);
         let scatter = row.taken::<LANES>(SCATTER, at);
-        for (k, asked) in ASKED.iter().enumerate() {
-            let values = row.taken::<LANES>(*asked, at);
-            for l in 0..LANES {
-                let more = scatter[l] > worst[l];
-                sums[k][l] += if more { out[k][l] } else { values[l] };
-                out[k][l] = if more { values[l] } else { out[k][l] };
-            }
-        }
+        // All bits where it scatters more than the worst so far. A choice of two numbers becomes one of two places in memory, which is no vector.
+        let mut more = [0_u32; LANES];
         for l in 0..LANES {
+            more[l] = if scatter[l] > worst[l] { u32::MAX } else { 0 };
             worst[l] = if scatter[l] > worst[l] { scatter[l] } else { worst[l] };
+        }
+        for ((sum, out), asked) in sums.iter_mut().zip(&mut out).zip(ASKED) {
+            leave_out(sum, out, &row.taken(asked, at), &more);
         }
     }
     let [count, ratio, squares, noise] = sums;
@@ -113,6 +108,17 @@ fn scattered(rows: &[Row; LINES], first: usize) -> [f32; LANES] {
         found[l] = if enough & near { 1.0 } else { 0.0 };
     }
     found
+}
+
+/// Adds the values of a cell, or those of the one that was left out so far where this one scatters more and takes its place.
+#[inline(always)]
+fn leave_out(sum: &mut [f32; LANES], out: &mut [f32; LANES], values: &[f32; LANES], more: &[u32; LANES]) {
+    for l in 0..LANES {
+        let (new, old) = (values[l].to_bits(), out[l].to_bits());
+        let exchanged = (new ^ old) & more[l];
+        sum[l] += f32::from_bits(new ^ exchanged);
+        out[l] = f32::from_bits(old ^ exchanged);
+    }
 }
 
 /// Relative variance of the ratio about a cell beyond that of noise; 0 where noise may explain all. `u_px2`: how uncertain the variance of

@@ -2,6 +2,7 @@
 
 use super::rasters::Rasters;
 use super::roles::Levels;
+use fearless_simd::{Simd, SimdBase, f32x8};
 
 /// Bins along |∇φ|², four to the octave from 2⁻¹⁰ rad²/px² on; the last one has no end.
 pub(super) const BINS: usize = 40;
@@ -56,32 +57,20 @@ impl Sums {
         self.count += modulation.len() as u32;
     }
 
-    /// Adds some pixels together: halves are added to halves, so that no sum waits for the one before it.
+    /// Adds the pixels from one on together: halves are added to halves, so that no sum waits for the one before it.
     #[inline(always)]
-    pub fn add_together(
+    pub fn add_together<S: Simd>(
         &mut self,
-        modulation: [f32; ALIKE],
-        reflectance: [f32; ALIKE],
-        slope2: [f32; ALIKE],
+        simd: S,
+        [modulation, reflectance, slope2]: [&[f32]; 3],
+        first: usize,
     ) {
-        let mut lanes = [[0.0_f64; ALIKE]; 3];
-        for i in 0..ALIKE {
-            lanes[0][i] = f64::from(modulation[i]);
-            lanes[1][i] = f64::from(reflectance[i]);
-            lanes[2][i] = f64::from(reflectance[i] * slope2[i]);
-        }
-        let mut half = ALIKE / 2;
-        while half > 0 {
-            for values in &mut lanes {
-                for i in 0..half {
-                    values[i] += values[i + half];
-                }
-            }
-            half /= 2;
-        }
-        self.modulation += lanes[0][0];
-        self.reflectance += lanes[1][0];
-        self.slope2 += lanes[2][0];
+        let part = first..first + ALIKE;
+        let of = |values: &[f32]| f32x8::from_slice(simd, &values[part.clone()]);
+        let light = of(reflectance);
+        self.modulation += total(simd, of(modulation));
+        self.reflectance += total(simd, light);
+        self.slope2 += total(simd, light * of(slope2));
         self.count += ALIKE as u32;
     }
 
@@ -92,4 +81,13 @@ impl Sums {
         self.slope2 += other.slope2;
         self.count += other.count;
     }
+}
+
+/// Sum of eight values in double precision.
+#[inline(always)]
+fn total<S: Simd>(simd: S, values: f32x8<S>) -> f64 {
+    let (low, high) = simd.widen_f32x8(values);
+    let (low, high) = simd.split_f64x4(low + high);
+    let two = low + high;
+    two[0] + two[1]
 }

@@ -31,10 +31,10 @@ use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
 use super::survey::{Expected, Survey};
 use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
-use crate::math::simd::vectorised;
+use crate::math::simd::{loaded, put, vectorised};
 use crate::phase::PhaseViewMut;
 use crate::sensor::MEAN_FIELD;
-use fearless_simd::Level;
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat};
 use rayon::prelude::*;
 
 /// Weight of the middle pixel in the Laplacian, and the sum of all squared weights.
@@ -51,6 +51,13 @@ pub(super) const LENS_U_PX2: f64 = 0.12;
 const LEAST_PX2: f64 = 0.005;
 /// Beyond this the expansion to second order does not hold and the image is out of focus.
 const MOST_PX2: f64 = 0.6;
+
+/// Values of the widest vectors.
+const WIDEST: usize = 16;
+/// The places of their values.
+const PLACES: [f32; WIDEST] =
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+
 /// Memory of the estimate and the correction, reserved once.
 #[derive(Debug)]
 pub struct Footprint {
@@ -115,7 +122,7 @@ impl Footprint {
         parts.for_each(|(chunk, (bias, bins))| {
             *bins = [[Sums::default(); GROUPS]; BINS];
             bias.fill(f32::NAN);
-            vectorised!(level, survey.rows(chunk * ROWS, bias, bins));
+            vectorised!(level, |simd| survey.rows(simd, chunk * ROWS, bias, bins));
         });
         reflectance.and_then(|_| self.contrast())
     }
@@ -157,7 +164,7 @@ impl Footprint {
             let lines = phase.chunks_mut(width).zip(sigma.chunks_mut(width)).zip(bias.chunks(width));
             for (row, ((phase, sigma), bias)) in lines.enumerate() {
                 let at_row = over.row(number * rows + row);
-                vectorised!(level, unbias((phase, sigma), bias, (&over, at_row), growth));
+                vectorised!(level, |simd| unbias(simd, (phase, sigma), bias, (&over, at_row), growth));
             }
         });
     }
@@ -192,19 +199,46 @@ impl Field {
 }
 
 #[inline(always)]
-fn unbias(
+fn unbias<S: Simd>(
+    simd: S,
     (phase_rad, sigma_rad): (&mut [f32], &mut [f32]),
     bias: &[f32],
     (over, at_row): (&Field, f32),
     growth: f32,
 ) {
-    for (column, ((phase, sigma), bias)) in phase_rad.iter_mut().zip(sigma_rad).zip(bias).enumerate() {
-        let off = column as f32 - over.middle[0];
-        let s2 = at_row + over.growth * (off * off);
-        let known = bias.is_finite();
-        *phase = if known { *phase - s2 * bias } else { *phase };
-        *sigma = if known { *sigma * growth } else { *sigma };
+    let count = phase_rad.len();
+    let whole = count - count % S::f32s::LEN;
+    for first in (0..whole).step_by(S::f32s::LEN) {
+        unbias_vector(simd, (phase_rad, sigma_rad, bias), first, first, (over, at_row), growth);
     }
+    // What is left of a row, in a vector whose other places are not known to be smooth.
+    let rest = whole..count;
+    let (mut phase, mut sigma, mut left) = ([0.0; WIDEST], [0.0; WIDEST], [f32::NAN; WIDEST]);
+    phase[..rest.len()].copy_from_slice(&phase_rad[rest.clone()]);
+    sigma[..rest.len()].copy_from_slice(&sigma_rad[rest.clone()]);
+    left[..rest.len()].copy_from_slice(&bias[rest.clone()]);
+    unbias_vector(simd, (&mut phase, &mut sigma, &left), 0, whole, (over, at_row), growth);
+    phase_rad[rest.clone()].copy_from_slice(&phase[..rest.len()]);
+    sigma_rad[rest.clone()].copy_from_slice(&sigma[..rest.len()]);
+}
+
+/// The pixels from a place on, which stand from a column on.
+#[inline(always)]
+fn unbias_vector<S: Simd>(
+    simd: S,
+    (phase_rad, sigma_rad, bias): (&mut [f32], &mut [f32], &[f32]),
+    first: usize,
+    column: usize,
+    (over, at_row): (&Field, f32),
+    growth: f32,
+) {
+    let (phase, sigma) = (loaded(simd, phase_rad, first), loaded(simd, sigma_rad, first));
+    let bias = loaded(simd, bias, first);
+    let off = loaded(simd, &PLACES, 0) + column as f32 - over.middle[0];
+    let s2 = off * off * over.growth + at_row;
+    let known = bias.is_finite();
+    put::<S>(known.select(phase - s2 * bias, phase), phase_rad, first);
+    put::<S>(known.select(sigma * growth, sigma), sigma_rad, first);
 }
 
 /// Mean and scatter of the groups of a bin; `None` where one of them has too few pixels.

@@ -8,8 +8,9 @@
 
 use super::contrast_bins::{ALIKE, BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
 use super::rasters::Rasters;
-use crate::math::simd::taken;
+use crate::math::simd::{loaded, put, taken};
 use crate::phase::PhaseViewMut;
+use fearless_simd::{Select, Simd, SimdBase, SimdFrom};
 
 /// Half the edge of the neighbourhood.
 const HALF: usize = 2;
@@ -87,101 +88,110 @@ impl RowSums {
     };
 
     /// The sums of the pixels of a row from two behind `at` on, from the phase and the modulation of the map. Each offset is read by itself:
-    /// what was copied and is then read from other offsets waits for the copy.
+    /// to shift what was read costs more.
     #[inline(always)]
-    fn new(phase: &[f32], light: &[f32], at: usize) -> Self {
-        let mut sums = Self::ZERO;
-        let (p0, p1): (Lanes, Lanes) = (taken(phase, at), taken(phase, at + 1));
-        let (middle, p3): (Lanes, Lanes) = (taken(phase, at + 2), taken(phase, at + 3));
-        let p4: Lanes = taken(phase, at + 4);
-        for i in 0..LANES {
-            let m = middle[i];
-            let (v0, v1, v3, v4) = (p0[i] - m, p1[i] - m, p3[i] - m, p4[i] - m);
-            sums.middle[i] = m;
-            sums.flat[i] = (v0 + v4) + (v1 + v3);
-            sums.slope[i] = 2.0 * (v4 - v0) + (v3 - v1);
-            sums.curve[i] = 2.0 * (v0 + v4) - (v1 + v3);
-            sums.squares[i] = (v0 * v0 + v4 * v4) + (v1 * v1 + v3 * v3);
+    fn fill<S: Simd>(&mut self, simd: S, phase: &[f32], light: &[f32], at: usize) {
+        let (phase, light) = (&phase[at..at + LANES + 2 * HALF], &light[at..at + LANES + 2 * HALF]);
+        for part in 0..LANES / S::f32s::LEN {
+            let first = part * S::f32s::LEN;
+            let [p0, p1, m, p3, p4] = beside(simd, phase, first);
+            let (v0, v1, v3, v4) = (p0 - m, p1 - m, p3 - m, p4 - m);
+            put::<S>(m, &mut self.middle, first);
+            put::<S>((v0 + v4) + (v1 + v3), &mut self.flat, first);
+            put::<S>((v4 - v0) * 2.0 + (v3 - v1), &mut self.slope, first);
+            put::<S>((v0 + v4) * 2.0 - (v1 + v3), &mut self.curve, first);
+            put::<S>((v0 * v0 + v4 * v4) + (v1 * v1 + v3 * v3), &mut self.squares, first);
+            let lit = beside(simd, light, first);
+            put::<S>(across::<S>(lit), &mut self.light, first);
+            put::<S>(along::<S>(lit), &mut self.light_slope, first);
         }
-        let (l0, l1): (Lanes, Lanes) = (taken(light, at), taken(light, at + 1));
-        let (l2, l3): (Lanes, Lanes) = (taken(light, at + 2), taken(light, at + 3));
-        let l4: Lanes = taken(light, at + 4);
-        for i in 0..LANES {
-            let (b0, b1, b2, b3, b4) = (l0[i], l1[i], l2[i], l3[i], l4[i]);
-            sums.light[i] = (b0 + b4) + (b1 + b3) + b2;
-            sums.light_slope[i] = 2.0 * (b4 - b0) + (b3 - b1);
-        }
-        sums
     }
+}
+
+/// Five vectors of a row, each from the next value on.
+#[inline(always)]
+fn beside<S: Simd>(simd: S, row: &[f32], first: usize) -> [S::f32s; 5] {
+    let at = |offset: usize| loaded(simd, row, first + offset);
+    [at(0), at(1), at(2), at(3), at(4)]
+}
+
+/// The same part of five rows.
+#[inline(always)]
+fn above<S: Simd>(simd: S, [a, b, c, d, e]: [&Lanes; 5], first: usize) -> [S::f32s; 5] {
+    let of = |row: &Lanes| loaded(simd, row, first);
+    [of(a), of(b), of(c), of(d), of(e)]
 }
 
 /// The bias of the phase over the variance of the footprint (see `footprint`) and |∇φ|² of the pixels whose five rows are given; NaN where they
 /// are not one smooth surface. What belongs to x and to y is weighted by the shape of the footprint.
 #[inline(always)]
-fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes, expected: &Expected) -> (Lanes, Lanes) {
+fn window<S: Simd>(
+    simd: S,
+    [a, b, c, d, e]: [&RowSums; 5],
+    (sigma_rad, modulation): (&Lanes, &Lanes),
+    expected: &Expected,
+) -> (Lanes, Lanes) {
     let [along_x, along_y] = expected.shape;
     let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
-    let (mut gx, mut gy) = ([0.0; LANES], [0.0; LANES]);
-    let (mut half_xx, mut half_yy, mut xy) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for i in 0..LANES {
-        let m = rows[2].middle[i];
-        let (mut g, mut slope, mut curve) = ([0.0_f32; 5], [0.0_f32; 5], [0.0_f32; 5]);
-        let (mut light, mut light_slope) = ([0.0_f32; 5], [0.0_f32; 5]);
-        let mut d2 = 0.0;
+    let nothing = S::f32s::simd_from(simd, f32::NAN);
+    for part in 0..LANES / S::f32s::LEN {
+        let first = part * S::f32s::LEN;
+        let middle = above(simd, [&a.middle, &b.middle, &c.middle, &d.middle, &e.middle], first);
+        let flat = above(simd, [&a.flat, &b.flat, &c.flat, &d.flat, &e.flat], first);
+        let squares = above(simd, [&a.squares, &b.squares, &c.squares, &d.squares, &e.squares], first);
+        let (mut g, mut d2) = (flat, S::f32s::simd_from(simd, 0.0));
         for r in 0..5 {
             // The middle of the row less that of the window.
-            let v = rows[r].middle[i] - m;
-            g[r] = rows[r].flat[i] + 5.0 * v;
-            d2 += rows[r].squares[i] + v * (rows[r].flat[i] + g[r]);
-            (slope[r], curve[r]) = (rows[r].slope[i], rows[r].curve[i]);
-            (light[r], light_slope[r]) = (rows[r].light[i], rows[r].light_slope[i]);
+            let v = middle[r] - middle[2];
+            g[r] = flat[r] + v * 5.0;
+            d2 += squares[r] + v * (flat[r] + g[r]);
         }
-        let d = across(g);
-        let (dx, dxx) = (across(slope), across(curve));
-        let (dy, dyy) = (along(g), 2.0 * (g[0] + g[4] - g[2]) - (g[1] + g[3]));
-        let dxy = along(slope);
-        let explained = d * d * (1.0 / 25.0)
+        let (total, dy) = (across::<S>(g), along::<S>(g));
+        let dyy = (g[0] + g[4] - g[2]) * 2.0 - (g[1] + g[3]);
+        let slope = above(simd, [&a.slope, &b.slope, &c.slope, &d.slope, &e.slope], first);
+        let (dx, dxy) = (across::<S>(slope), along::<S>(slope));
+        let dxx = across::<S>(above(simd, [&a.curve, &b.curve, &c.curve, &d.curve, &e.curve], first));
+        let explained = total * total * (1.0 / 25.0)
             + (dx * dx + dy * dy) * (1.0 / SUM_X2)
             + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
             + dxy * dxy * (1.0 / SUM_XY2);
-        let limit = SMOOTH_SIGMAS * sigma_rad[i] + SMOOTH_RAD;
+        let limit = loaded(simd, sigma_rad, first) * SMOOTH_SIGMAS + SMOOTH_RAD;
+        let lit = loaded(simd, modulation, first);
         // 25 values, six parameters. A masked neighbour makes the sum NaN, and NaN is not within the limit.
-        #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
-        let smooth = (d2 - explained <= 19.0 * limit * limit) & (modulation[i] > 0.0);
+        let smooth = (d2 - explained).simd_le(limit * 19.0 * limit) & lit.simd_gt(0.0);
         let (x, y) = (dx * (1.0 / SUM_X2), dy * (1.0 / SUM_X2));
-        let shading = 1.0 / (SUM_X2 * modulation[i]);
-        let (u, v) = (across(light_slope) * shading, along(light) * shading);
-        let curve = (along_x * dxx + along_y * dyy) * (1.0 / SUM_Q2);
-        let value = curve + (along_x * (u * x) + along_y * (v * y));
-        bias[i] = if smooth { value } else { f32::NAN };
-        slope2[i] = if smooth { along_x * (x * x) + along_y * (y * y) } else { f32::NAN };
-        (gx[i], gy[i]) = (along_x * x, along_y * y);
-        (half_xx[i], half_yy[i], xy[i]) = (dxx * (1.0 / SUM_Q2), dyy * (1.0 / SUM_Q2), dxy * (1.0 / SUM_XY2));
-    }
-    // ½ gᵀ H g, H the second derivatives. In a loop of its own: with it the one above needs more registers than there are.
-    for i in 0..LANES {
-        let (g, h) = (gx[i], gy[i]);
-        bias[i] += expected.variance_px2 * (g * g * half_xx[i] + h * h * half_yy[i] + g * h * xy[i]);
+        let shading = S::f32s::simd_from(simd, 1.0) / (lit * SUM_X2);
+        let light = above(simd, [&a.light, &b.light, &c.light, &d.light, &e.light], first);
+        let rows = [&a.light_slope, &b.light_slope, &c.light_slope, &d.light_slope, &e.light_slope];
+        let (u, v) = (across::<S>(above(simd, rows, first)) * shading, along::<S>(light) * shading);
+        let (gx, gy) = (x * along_x, y * along_y);
+        let curve = (dxx * along_x + dyy * along_y) * (1.0 / SUM_Q2);
+        let value = curve + (u * x * along_x + v * y * along_y);
+        // ½ gᵀ H g, H the second derivatives.
+        let (half_xx, half_yy, xy) = (dxx * (1.0 / SUM_Q2), dyy * (1.0 / SUM_Q2), dxy * (1.0 / SUM_XY2));
+        let fourth = (gx * gx * half_xx + gy * gy * half_yy + gx * gy * xy) * expected.variance_px2;
+        put::<S>(smooth.select(value + fourth, nothing), &mut bias, first);
+        put::<S>(smooth.select(x * x * along_x + y * y * along_y, nothing), &mut slope2, first);
     }
     (bias, slope2)
 }
 
-/// Sum of five values. No closure: where a closure is not inlined, it is compiled for the plainest processor.
+/// Sum of five values.
 #[inline(always)]
-fn across(v: [f32; 5]) -> f32 {
+fn across<S: Simd>(v: [S::f32s; 5]) -> S::f32s {
     (v[0] + v[4]) + (v[1] + v[3]) + v[2]
 }
 
 /// Sum of five values, each times its place from −2 on.
 #[inline(always)]
-fn along(v: [f32; 5]) -> f32 {
-    2.0 * (v[4] - v[0]) + (v[3] - v[1])
+fn along<S: Simd>(v: [S::f32s; 5]) -> S::f32s {
+    (v[4] - v[0]) * 2.0 + (v[3] - v[1])
 }
 
 impl Survey<'_> {
     /// Fills the bias over the variance of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
     #[inline(always)]
-    pub fn rows(&self, row: usize, bias: &mut [f32], bins: &mut Bins) {
+    pub fn rows<S: Simd>(&self, simd: S, row: usize, bias: &mut [f32], bins: &mut Bins) {
         let (width, height) = (self.width, self.map.phase_rad.len() / self.width);
         let (first, last) = (row.max(HALF), (row + ROWS).min(height.saturating_sub(HALF)));
         if first >= last || width < LANES + 2 * HALF {
@@ -203,7 +213,7 @@ impl Survey<'_> {
                 // The sums of a row take the place of those that no window reaches any more.
                 for (group, sums) in sums[below % LINES][..tile].iter_mut().enumerate() {
                     let at = below * width + start(group) - HALF;
-                    *sums = RowSums::new(self.map.phase_rad, self.map.modulation, at);
+                    sums.fill(simd, self.map.phase_rad, self.map.modulation, at);
                 }
                 let Some(y) = below.checked_sub(HALF).filter(|y| *y >= first && lit(*y)) else { continue };
                 // Not over the rows of sums: five of them serve each group.
@@ -212,12 +222,16 @@ impl Survey<'_> {
                     for (r, row) in rows.iter_mut().enumerate() {
                         *row = &sums[(y + r - HALF) % LINES][group];
                     }
+                    // A tile may reach far beyond the part.
+                    if taken::<u8, LANES>(self.map.valid, at).iter().fold(0, |any, valid| any | valid) == 0 {
+                        continue;
+                    }
                     let modulation = taken(self.map.modulation, at);
                     let (found, slope2) =
-                        window(rows, &taken(self.map.sigma_rad, at), &modulation, &self.expected);
+                        window(simd, rows, (&taken(self.map.sigma_rad, at), &modulation), &self.expected);
                     bias[at - row * width..][..LANES].copy_from_slice(&found);
                     let counted = column + group * LANES - start(group);
-                    self.add_to_bins(at, counted, (&slope2, &modulation), y % GROUPS, bins);
+                    self.add_to_bins(simd, at, counted, (&slope2, &modulation), y % GROUPS, bins);
                 }
             }
         }
@@ -225,8 +239,9 @@ impl Survey<'_> {
 
     /// Adds the pixels from `at` on, but for the first ones that were counted before.
     #[inline(always)]
-    fn add_to_bins(
+    fn add_to_bins<S: Simd>(
         &self,
+        simd: S,
         at: usize,
         counted: usize,
         (slope2, modulation): (&Lanes, &Lanes),
@@ -257,7 +272,7 @@ impl Survey<'_> {
             }
             if alike {
                 let sums = &mut bins[place as usize][group];
-                sums.add_together(taken(modulation, first), taken(&reflectance, first), taken(slope2, first));
+                sums.add_together(simd, [modulation, &reflectance, slope2], first);
                 continue;
             }
             for i in part.filter(|i| places[*i] != NO_BIN) {

@@ -4,10 +4,14 @@
 //! none of them, so wider vectors change the time and not the result. The functions called must be `#[inline(always)]`:
 //! what is not inlined is compiled for the plainest processor.
 
-use fearless_simd::Level;
+use fearless_simd::{Level, Simd, SimdBase};
 
-/// Runs an expression compiled for each level of instructions, at the best one up to a given [`Level`].
+/// Runs an expression compiled for each level of instructions, at the best one up to a given [`Level`]. `|simd|` before it names what makes
+/// vectors of that level, for loops that the compiler does not make vectors of by itself.
 macro_rules! vectorised {
+    ($level:expr, |$simd:ident| $body:expr) => {
+        fearless_simd::dispatch!($level, $simd => $body)
+    };
     ($level:expr, $body:expr) => {
         fearless_simd::dispatch!($level, _level => $body)
     };
@@ -25,6 +29,18 @@ pub(crate) fn taken<T: Copy + Default, const N: usize>(values: &[T], first: usiz
     let mut taken = [T::default(); N];
     taken.copy_from_slice(&values[first..first + N]);
     taken
+}
+
+/// Values from a place on, as many as a vector of the level has.
+#[inline(always)]
+pub(crate) fn loaded<S: Simd>(simd: S, values: &[f32], first: usize) -> S::f32s {
+    S::f32s::from_slice(simd, &values[first..][..S::f32s::LEN])
+}
+
+/// Writes a vector from a place on.
+#[inline(always)]
+pub(crate) fn put<S: Simd>(vector: S::f32s, values: &mut [f32], first: usize) {
+    vector.store_slice(&mut values[first..][..S::f32s::LEN]);
 }
 
 /// All levels of this processor, the plainest first.
