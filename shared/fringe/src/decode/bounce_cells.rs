@@ -296,27 +296,30 @@ impl Light<'_> {
                 & light.simd_lt(lit.clipped_dn)
                 & range.simd_gt(0.0)
                 & modulation.simd_gt(0.0);
-            let known = |value: S::f32s| counts.select(value, zero);
-            let mut kinds = [known(one), zero, zero, zero, known(ratio - PLAIN)];
+            let mut kinds = [counts.select(one, zero), zero, zero, zero, counts.select(ratio - PLAIN, zero)];
             if ALL {
                 let turn = loaded(simd, line.phase, first) * turns;
-                (kinds[1], kinds[2], kinds[3]) =
-                    (known(steep), known(wave::<S>(turn + 0.25)), known(wave::<S>(turn)));
+                kinds[1] = counts.select(steep, zero);
+                kinds[2] = counts.select(wave::<S>(turn + 0.25), zero);
+                kinds[3] = counts.select(wave::<S>(turn), zero);
             }
-            let mut add = |at: usize, value: S::f32s| {
-                put::<S>(loaded(simd, &sums[at], first) + value, &mut sums[at], first);
-            };
-            add(NOISE, known(noise));
+            add_to(simd, &mut sums[NOISE], first, counts.select(noise, zero));
             for one in 0..KINDS {
                 for other in one..KINDS {
                     let at = place(one, other);
                     if ALL || ASKED.contains(&at) {
-                        add(at, kinds[one] * kinds[other]);
+                        add_to(simd, &mut sums[at], first, kinds[one] * kinds[other]);
                     }
                 }
             }
         }
     }
+}
+
+/// Adds a vector to the values from a place on.
+#[inline(always)]
+fn add_to<S: Simd>(simd: S, sums: &mut Lanes, first: usize, more: S::f32s) {
+    put::<S>(loaded(simd, sums, first) + more, sums, first);
 }
 
 /// A grey value, DN.

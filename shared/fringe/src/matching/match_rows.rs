@@ -8,41 +8,13 @@ use super::order::{Group, Order};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
-use super::subpixel_lanes::{Batch, Found, LANES, depths_beside, step_beside};
-use crate::math::simd::vectorised;
+use super::subpixel_lanes::{Batch, Bits, Found, LANES, bits, depths_beside, step_beside};
+use super::task::{Hit, Task};
+use crate::math::simd::{vectorised, widened};
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::surface::{Cause, RIM, Sample, Samples};
-use fearless_simd::Level;
-
-/// What was found of a group.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Hit {
-    /// Number of the group.
-    pub group: usize,
-    pub samples: Samples,
-}
-
-impl Hit {
-    pub const NONE: Self = Self { group: 0, samples: Samples::NONE };
-}
-
-/// Buffers and counts of one part.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Task {
-    pub left: Row,
-    pub right: Row,
-    /// Groups of the part that have a lit pixel.
-    pub lit: usize,
-    pub report: MatchReport,
-}
-
-impl Task {
-    /// With room for rows of these lengths.
-    pub fn with_capacity(left: usize, right: usize) -> Self {
-        Self { left: Row::with_capacity(left), right: Row::with_capacity(right), ..Self::default() }
-    }
-}
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdFrom, SimdMask, f32x8, f64x8, mask64x8};
 
 /// Single matches may be so many times less certain than smoothed ones must be: no smoothing mends more.
 const SINGLE_SIGMAS: f64 = 6.0;
@@ -95,11 +67,11 @@ pub(super) struct Scan<'a> {
 impl Scan<'_> {
     /// Matches the left pixels of one part, row by row; each group that has a lit pixel gives a hit.
     pub fn part(&self, part: usize, hits: &mut [Hit], task: &mut Task) {
-        vectorised!(self.level, self.rows(part, hits, task));
+        vectorised!(self.level, |simd| self.rows(simd, part, hits, task));
     }
 
     #[inline(always)]
-    fn rows(&self, part: usize, hits: &mut [Hit], task: &mut Task) {
+    fn rows<S: Simd>(&self, simd: S, part: usize, hits: &mut [Hit], task: &mut Task) {
         let mut later = Later::default();
         let mut lit = 0;
         for row in part * PART_ROWS..((part + 1) * PART_ROWS).min(self.right_grid.height) {
@@ -119,8 +91,8 @@ impl Scan<'_> {
                     loaded = true;
                 }
                 hits[lit] = Hit { group: number, samples: Samples::NONE };
-                let batch = self.search(&group, (wanted, live), &mut hits[lit].samples, task);
-                self.settle(&batch, (lit, hits), &mut later, &mut task.report);
+                let batch = self.search(simd, &group, (wanted, live), &mut hits[lit].samples, task);
+                self.settle(simd, &batch, (lit, hits), &mut later, &mut task.report);
                 lit += 1;
             }
         }
@@ -130,8 +102,9 @@ impl Scan<'_> {
 
     /// Coarse places of a group; those that have none are noted.
     #[inline(always)]
-    fn search(
+    fn search<S: Simd>(
         &self,
+        simd: S,
         group: &Group,
         (wanted, live): ([f32; LANES], [bool; LANES]),
         hits: &mut Samples,
@@ -139,33 +112,34 @@ impl Scan<'_> {
     ) -> Batch {
         let [left_x, y] = group.directions(self.directions);
         let (sigmas, modulation) = (group.values(self.left.sigma_rad), group.values(self.left.modulation));
-        let (mut sigma_rad, mut own) = ([0.0; LANES], [0.0; LANES]);
-        for l in 0..LANES {
-            sigma_rad[l] = f64::from(sigmas[l]);
-            own[l] = self.left_grid.column(left_x[l]);
-        }
+        let sigma_rad = widened(simd, f32x8::simd_from(simd, sigmas));
+        let (x, row_y) = (f64x8::simd_from(simd, left_x), f64x8::simd_from(simd, y));
+        let own = (x - self.left_grid.x0) * self.left_grid.focal_px;
         let limbs = group.values(self.left_limbs);
-        let mut batch = Batch { live, wanted, left_x, y, sigma_rad, modulation, limbs, ..Batch::default() };
-        for l in 0..LANES {
-            [batch.limits[0][l], batch.limits[1][l]] = self.disparity_limits(left_x[l], y[l]);
-        }
+        let [least, most] = self.limits_beside(simd, [x, row_y]);
         let tolerance = self.settings.left_right_tolerance_px;
-        let returned = task.left.return_beside(&wanted, &own, tolerance);
-        let mut asked = [false; LANES];
-        for l in 0..LANES {
-            asked[l] = live[l] & returned[l];
-        }
-        let places = task.right.columns(&wanted, asked);
-        let mut known = [false; LANES];
-        for l in 0..LANES {
-            let place = self.right_grid.abscissa(places.column[l]);
-            let disparity = left_x[l] - place;
-            known[l] =
-                places.found[l] & (batch.limits[0][l] <= disparity) & (disparity <= batch.limits[1][l]);
-            (batch.coarse[l], batch.search_px[l]) = (place, search_px(sigma_rad[l], places.cells_per_rad));
-        }
-        if known != live {
-            for l in (0..LANES).filter(|l| live[*l] && !known[*l]) {
+        let returned = task.left.return_beside(simd, &wanted, own, tolerance);
+        let asked = bits(&live);
+        let places = task.right.columns(simd, &wanted, asked & returned);
+        let coarse = places.column * self.right_grid.pitch + self.right_grid.x0;
+        let disparity = x - coarse;
+        let within = least.simd_le(disparity) & disparity.simd_le(most);
+        let known = places.found & within.to_bitmask() as Bits;
+        let mut batch = Batch {
+            live,
+            wanted,
+            left_x,
+            y,
+            sigma_rad: sigma_rad.into(),
+            modulation,
+            limbs,
+            limits: [least.into(), most.into()],
+            coarse: coarse.into(),
+            search_px: search_pxs(simd, sigma_rad, places.cells_per_rad).into(),
+            ..Batch::default()
+        };
+        if known != asked {
+            for l in (0..LANES).filter(|l| (asked & !known) >> l & 1 != 0) {
                 match self.coarse(group.pixel(l), [left_x[l], y[l]], wanted[l], task) {
                     Ok(coarse) => (batch.coarse[l], batch.search_px[l]) = (coarse.x, coarse.search_px),
                     Err(cause) => {
@@ -176,39 +150,37 @@ impl Scan<'_> {
                 }
             }
         }
-        task.report.valid += live.iter().map(|live| u32::from(*live)).sum::<u32>();
+        task.report.valid += asked.count_ones();
         batch.x = batch.coarse;
         batch
     }
 
     /// One evaluation of a group. Pixels that need another one go to `later`; the general way solves those that it alone can solve.
     #[inline(always)]
-    fn settle(
+    fn settle<S: Simd>(
         &self,
+        simd: S,
         batch: &Batch,
         (number, hits): (usize, &mut [Hit]),
         later: &mut Later,
         report: &mut MatchReport,
     ) {
-        let (found, samples) = self.evaluate(batch, false);
+        let (found, points, samples) = self.evaluate(simd, batch, false);
         let none = hits[number].samples.cause;
         hits[number].samples = samples;
-        let mut points = [false; LANES];
-        for (l, point) in points.iter_mut().enumerate() {
-            *point = samples.cause[l] == Cause::Point;
-        }
-        if points == [true; LANES] {
+        if points == Bits::MAX {
             return;
         }
         for l in 0..LANES {
-            if points[l] {
+            let holds = |bits: Bits| bits >> l & 1 != 0;
+            if holds(points) {
                 continue;
             }
             if !batch.live[l] {
                 hits[number].samples.cause[l] = none[l];
-            } else if found.settled[l] {
+            } else if holds(found.settled) {
                 report.count(samples.cause[l]);
-            } else if found.lost[l] {
+            } else if holds(found.lost) {
                 hits[number].samples.set(l, &self.general(batch, l, report));
             } else {
                 later.hits[later.count] = (number, l);
@@ -228,10 +200,11 @@ impl Scan<'_> {
         for (l, live) in batch.live.iter_mut().enumerate() {
             *live = l < *count;
         }
-        let (found, samples) = vectorised!(self.level, self.evaluate(batch, true));
+        let (found, _, samples) = vectorised!(self.level, |simd| self.evaluate(simd, batch, true));
         for (l, (number, place)) in places[..*count].iter().enumerate() {
-            let sample = if found.settled[l] { samples.at(l) } else { self.general(batch, l, report) };
-            if found.settled[l] && sample.cause != Cause::Point {
+            let settled = found.settled >> l & 1 != 0;
+            let sample = if settled { samples.at(l) } else { self.general(batch, l, report) };
+            if settled && sample.cause != Cause::Point {
                 report.count(sample.cause);
             }
             hits[*number].samples.set(*place, &sample);
@@ -239,33 +212,44 @@ impl Scan<'_> {
         *count = 0;
     }
 
-    /// One evaluation, and the samples of the pixels that are settled by it.
+    /// One evaluation, which pixels are points by it, and the samples of the pixels that are settled by it.
     #[inline(always)]
-    fn evaluate(&self, batch: &Batch, again: bool) -> (Found, Samples) {
-        let found = step_beside(&self.right_phase, &self.pair.right, batch, again);
-        let depths = depths_beside(batch, &found, self.pair.baseline_mm, self.most_sigma());
+    fn evaluate<S: Simd>(&self, simd: S, batch: &Batch, again: bool) -> (Found, Bits, Samples) {
+        let found = step_beside(simd, &self.right_phase, &self.pair.right, batch, again);
+        let depths = depths_beside(simd, batch, &found, self.pair.baseline_mm, self.most_sigma());
         let mut modulation = batch.modulation;
-        let mut limbs = batch.limbs;
+        let (mut limbs, mut whole) = (batch.limbs, [false; LANES]);
         for l in 0..LANES {
             let pixel = found.pixel[l];
             limbs[l] |= self.right_phase.rims[pixel];
             modulation[l] = modulation[l].min(self.right.modulation[pixel]);
+            whole[l] = limbs[l] & RIM == 0;
         }
-        let mut samples =
-            Samples { modulation, sigma: depths.sigma, own_share: depths.own_share, limbs, ..Samples::NONE };
-        for (l, marks) in limbs.into_iter().enumerate() {
-            // In the order in which the general way decides, see `sample`.
-            let whole = marks & RIM == 0;
-            let point = found.settled[l] & whole & depths.certain[l] & depths.within[l];
-            samples.inverse_depth[l] = if point { depths.inverse_depth[l] } else { f64::NAN };
-            let uncertain = whole & !depths.certain[l];
-            samples.cause[l] = match (point, uncertain) {
-                (true, _) => Cause::Point,
-                (_, true) => Cause::Uncertain,
-                _ => Cause::Discontinuous,
-            };
+        // In the order in which the general way decides, see `sample`.
+        let whole = bits(&whole);
+        let points = found.settled & whole & depths.certain & depths.within;
+        let known = mask64x8::from_bitmask(simd, u64::from(points));
+        let [depth, none] =
+            [depths.inverse_depth, [f64::NAN; LANES]].map(|lanes| f64x8::simd_from(simd, lanes));
+        let mut samples = Samples {
+            modulation,
+            inverse_depth: known.select(depth, none).into(),
+            sigma: depths.sigma,
+            own_share: depths.own_share,
+            limbs,
+            cause: [Cause::Point; LANES],
+        };
+        if points != Bits::MAX {
+            let uncertain = whole & !depths.certain;
+            for (l, cause) in samples.cause.iter_mut().enumerate() {
+                *cause = match (points >> l & 1 != 0, uncertain >> l & 1 != 0) {
+                    (true, _) => Cause::Point,
+                    (_, true) => Cause::Uncertain,
+                    _ => Cause::Discontinuous,
+                };
+            }
         }
-        (found, samples)
+        (found, points, samples)
     }
 
     /// The sample of a pixel by itself.
@@ -385,6 +369,17 @@ impl Scan<'_> {
         let share = m[(2, 0)] * x + m[(2, 1)] * y + m[(2, 2)];
         [share * least, share * most]
     }
+
+    /// The same of pixels side by side.
+    #[inline(always)]
+    fn limits_beside<S: Simd>(&self, simd: S, [x, y]: [f64x8<S>; 2]) -> [f64x8<S>; 2] {
+        let Some([least, most]) = self.disparities else {
+            return [self.right_grid.pitch, f64::INFINITY].map(|limit| f64x8::simd_from(simd, limit));
+        };
+        let m = &self.pair.left.camera_from_rectified;
+        let share = x * m[(2, 0)] + y * m[(2, 1)] + m[(2, 2)];
+        [share * least, share * most]
+    }
 }
 
 /// How far the fine place may be from the coarse one, px, for an uncertainty of the left phase (rad).
@@ -392,4 +387,11 @@ impl Scan<'_> {
 fn search_px(sigma_rad: f64, cells_per_rad: f64) -> f64 {
     let noise_px = SEARCH_SIGMAS * sigma_rad * cells_per_rad;
     MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX }
+}
+
+/// The same for pixels side by side.
+#[inline(always)]
+fn search_pxs<S: Simd>(simd: S, sigma_rad: f64x8<S>, cells_per_rad: f64) -> f64x8<S> {
+    let (noise_px, most) = (sigma_rad * SEARCH_SIGMAS * cells_per_rad, f64x8::simd_from(simd, MAX_SEARCH_PX));
+    noise_px.simd_lt(most).select(noise_px, most) + MAX_SHIFT_PX
 }

@@ -44,11 +44,13 @@ mod match_rows;
 mod noisy_rows;
 mod order;
 mod patch;
+mod patch_lanes;
 mod phase_run;
 mod report;
 mod settings;
 mod subpixel;
 mod subpixel_lanes;
+mod task;
 #[cfg(test)]
 mod tests;
 
@@ -73,11 +75,12 @@ use ends::Ends;
 use epipolar_rows::StepLimits;
 use fearless_simd::Level;
 use map_statistics::MapStatistics;
-use match_rows::{Hit, Scan, Task};
+use match_rows::Scan;
 use nalgebra::Vector3;
 use order::{Order, common_rows};
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
+use task::{Hit, Task};
 
 /// Parts of the rows that are matched before their points are put in the order of the pixels.
 const PARTS_AT_ONCE: usize = 8;

@@ -18,7 +18,7 @@ use crate::rectify::{CurvePoint, EpipolarCurve};
 const MAX_STEP_RATIO: f32 = 2.5;
 
 /// A place beyond its own 2 × 2 cell by more than this is looked up in the next cell, px.
-const CELL_MARGIN: f64 = 0.1;
+pub(super) const CELL_MARGIN: f64 = 0.1;
 
 /// The fine solution may lie this far from the coarse one, px: rounding to rows and columns moves it by less.
 pub(super) const MAX_SHIFT_PX: f64 = 2.5;

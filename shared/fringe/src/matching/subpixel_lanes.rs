@@ -5,13 +5,22 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::patch::{Interpolation, MAX_NOISE, MAX_ROUGHNESS, Patch};
-use super::subpixel::{RightPhase, inside};
+use super::patch::Interpolation;
+use super::patch_lanes::{Lines, Patches, Singles};
+use super::subpixel::{CELL_MARGIN, RightPhase};
 use crate::geometry::camera::LensKind;
+use crate::math::simd::{narrowed, widened};
 use crate::rectify::RectifiedCamera;
 pub(super) use crate::surface::LANES;
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdFrom, SimdMask, f32x8, f64x8, mask64x8};
 
 type Lanes = [f64; LANES];
+
+/// A bit for each of the pixels side by side, the first one lowest.
+pub(super) type Bits = u8;
+
+/// Adding this to a whole number from 0 to 2⁵² leaves it in the low bits. A plain cast checks its range, which is no vector.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
 
 /// Pixels whose coarse place is known.
 #[derive(Debug, Clone, Copy, Default)]
@@ -38,7 +47,7 @@ pub(super) struct Batch {
     /// Rectified abscissa on the right from where the search goes on.
     pub x: Lanes,
     /// Columns and rows of the cells in which it was last.
-    pub cell: [[i32; LANES]; 2],
+    pub cell: [Lanes; 2],
 }
 
 impl Batch {
@@ -61,13 +70,13 @@ impl Batch {
 /// What one evaluation found of a batch.
 pub(super) struct Found {
     /// Whether the general way has to take over.
-    pub lost: [bool; LANES],
+    pub lost: Bits,
     /// Whether the place is exact enough; where neither, the search goes on.
-    pub settled: [bool; LANES],
+    pub settled: Bits,
     /// Rectified abscissa, as far as it is known.
     pub x: Lanes,
     /// Columns and rows of the cells.
-    pub cell: [[i32; LANES]; 2],
+    pub cell: [Lanes; 2],
     /// Derivative of the right phase along the curve, rad per unit of x.
     pub slope: Lanes,
     /// Variance of the interpolated right phase, rad².
@@ -84,78 +93,96 @@ pub(super) struct Depths {
     /// Share of its variance that comes from the pixel itself.
     pub own_share: [f32; LANES],
     /// Whether it is certain enough, and its disparity within the limits.
-    pub certain: [bool; LANES],
-    pub within: [bool; LANES],
+    pub certain: Bits,
+    pub within: Bits,
+}
+
+/// The bits of those that are true.
+#[inline(always)]
+pub(super) fn bits(flags: &[bool; LANES]) -> Bits {
+    let mut bits = 0;
+    for (l, flag) in flags.iter().enumerate() {
+        bits |= u8::from(*flag) << l;
+    }
+    bits
 }
 
 /// The depths of the settled pixels of a batch, for a baseline and a largest uncertainty of the place.
 #[inline(always)]
-pub(super) fn depths_beside(batch: &Batch, found: &Found, baseline_mm: f64, most: f64) -> Depths {
-    let mut out = Depths {
-        inverse_depth: [0.0; LANES],
-        sigma: [0.0; LANES],
-        own_share: [0.0; LANES],
-        certain: [false; LANES],
-        within: [false; LANES],
-    };
-    for l in 0..LANES {
-        let own = batch.sigma_rad[l] * batch.sigma_rad[l];
-        let both = own + found.variance[l];
-        let sigma = (both / (found.slope[l] * found.slope[l])).sqrt();
-        let disparity = batch.left_x[l] - found.x[l];
-        out.inverse_depth[l] = disparity / baseline_mm;
-        out.sigma[l] = (sigma / baseline_mm) as f32;
-        out.own_share[l] = if both > 0.0 { (own / both) as f32 } else { 1.0 };
-        out.certain[l] = sigma <= most;
-        out.within[l] = (batch.limits[0][l] <= disparity) & (disparity <= batch.limits[1][l]);
+pub(super) fn depths_beside<S: Simd>(
+    simd: S,
+    batch: &Batch,
+    found: &Found,
+    baseline_mm: f64,
+    most: f64,
+) -> Depths {
+    let of = |lanes: Lanes| f64x8::simd_from(simd, lanes);
+    let (sigma_rad, slope) = (of(batch.sigma_rad), of(found.slope));
+    let own = sigma_rad * sigma_rad;
+    let both = own + of(found.variance);
+    let sigma = (both / (slope * slope)).sqrt();
+    let disparity = of(batch.left_x) - of(found.x);
+    let share = both.simd_gt(0.0).select(own / both, f64x8::simd_from(simd, 1.0));
+    let within = of(batch.limits[0]).simd_le(disparity) & disparity.simd_le(of(batch.limits[1]));
+    Depths {
+        inverse_depth: (disparity / baseline_mm).into(),
+        sigma: narrowed(simd, sigma / baseline_mm).into(),
+        own_share: narrowed(simd, share).into(),
+        certain: sigma.simd_le(most).to_bitmask() as Bits,
+        within: within.to_bitmask() as Bits,
     }
-    out
 }
 
 /// Places on the curves, which become offsets from the centres of cells.
-struct Places {
-    offset: [Lanes; 2],
-    tangent: [Lanes; 2],
-    stretch: Lanes,
+struct Places<S: Simd> {
+    offset: [f64x8<S>; 2],
+    tangent: [f64x8<S>; 2],
+    stretch: f64x8<S>,
 }
 
 /// One evaluation and one step for each pixel of a batch; `again` where it is their second one.
 #[inline(always)]
-pub(super) fn step_beside(right: &RightPhase, camera: &RectifiedCamera, batch: &Batch, again: bool) -> Found {
+pub(super) fn step_beside<S: Simd>(
+    simd: S,
+    right: &RightPhase,
+    camera: &RectifiedCamera,
+    batch: &Batch,
+    again: bool,
+) -> Found {
     let usable = right.interpolation == Interpolation::Quadratic && right.width >= 4 && right.height >= 4;
     let mut found = Found {
-        lost: [!usable; LANES],
-        settled: [false; LANES],
+        lost: if usable { !bits(&batch.live) } else { Bits::MAX },
+        settled: 0,
         x: batch.x,
         cell: batch.cell,
         slope: [0.0; LANES],
         variance: [0.0; LANES],
         pixel: [0; LANES],
     };
-    for (lost, live) in found.lost.iter_mut().zip(&batch.live) {
-        *lost |= !live;
-    }
     if usable {
-        let mut places = evaluate(camera, batch);
-        let (samples, sigma) = places.gather(right, batch, again, &mut found);
-        places.advance(right, batch, (&samples, &sigma), &mut found);
+        let mut places = evaluate(simd, camera, batch);
+        let (samples, sigma) = places.gather(simd, right, batch, again, &mut found);
+        places.advance(simd, right, batch, (&samples, &sigma), &mut found);
     }
     found
 }
 
 /// The places on the curves, as [`crate::rectify::EpipolarCurve::at`] gives them.
 #[inline(always)]
-fn evaluate(camera: &RectifiedCamera, batch: &Batch) -> Places {
-    let zero = [0.0; LANES];
-    let mut out = Places { offset: [zero; 2], tangent: [zero; 2], stretch: zero };
+fn evaluate<S: Simd>(simd: S, camera: &RectifiedCamera, batch: &Batch) -> Places<S> {
+    let all = |value: f64| f64x8::simd_from(simd, value);
+    let of = |lanes: Lanes| f64x8::simd_from(simd, lanes);
     if camera.camera.distortion.kind != LensKind::BrownConrady {
+        let zero = [0.0; LANES];
+        let (mut offset, mut tangent, mut stretch) = ([zero; 2], [zero; 2], zero);
         for l in 0..LANES {
             let at = camera.curve(batch.y[l]).at(batch.x[l]);
-            (out.offset[0][l], out.offset[1][l]) = (at.pixel[0], at.pixel[1]);
-            (out.tangent[0][l], out.tangent[1][l]) = (at.tangent[0], at.tangent[1]);
-            out.stretch[l] = at.stretch;
+            (offset[0][l], offset[1][l]) = (at.pixel[0], at.pixel[1]);
+            (tangent[0][l], tangent[1][l]) = (at.tangent[0], at.tangent[1]);
+            stretch[l] = at.stretch;
         }
-        return out;
+        let pair = |[x, y]: [Lanes; 2]| [of(x), of(y)];
+        return Places { offset: pair(offset), tangent: pair(tangent), stretch: of(stretch) };
     }
     let m = &camera.camera_from_rectified;
     let along = [m[(0, 0)], m[(1, 0)], m[(2, 0)]];
@@ -164,79 +191,98 @@ fn evaluate(camera: &RectifiedCamera, batch: &Batch) -> Places {
     let ([k1, k2, k3], [p1, p2]) = (camera.camera.distortion.k, camera.camera.distortion.p);
     let ([fx, fy], skew, [cx, cy]) =
         (camera.camera.focal_px, camera.camera.skew, camera.camera.principal_point_px);
-    for l in 0..LANES {
-        let (x, y) = (batch.x[l], batch.y[l]);
-        let mut direction = [0.0; 3];
-        for (i, direction) in direction.iter_mut().enumerate() {
-            *direction = (by_y[i] * y + base[i]) + along[i] * x;
-        }
-        let inverse_z = if direction[2] > 0.0 { 1.0 / direction[2] } else { f64::NAN };
-        let (u, v) = (direction[0] * inverse_z, direction[1] * inverse_z);
-        let (du, dv) = ((along[0] - u * along[2]) * inverse_z, (along[1] - v * along[2]) * inverse_z);
-        let r2 = u * u + v * v;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        let bent_u = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u);
-        let bent_v = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v;
-        let slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
-        let cross = slope * u * v + 2.0 * p1 * u + 2.0 * p2 * v;
-        let turned_u = (radial + slope * u * u + 2.0 * p1 * v + 6.0 * p2 * u) * du + cross * dv;
-        let turned_v = cross * du + (radial + slope * v * v + 6.0 * p1 * v + 2.0 * p2 * u) * dv;
-        out.offset[0][l] = fx * bent_u + skew * bent_v + cx;
-        out.offset[1][l] = fy * bent_v + cy;
-        out.tangent[0][l] = fx * turned_u + skew * turned_v;
-        out.tangent[1][l] = fy * turned_v;
-        out.stretch[l] = -2.0 * along[2] * inverse_z;
+    let (x, y) = (of(batch.x), of(batch.y));
+    let direction = turned([by_y, base, along], x, y);
+    let z = direction[2];
+    let inverse_z = z.simd_gt(0.0).select(all(1.0) / z, all(f64::NAN));
+    let (u, v) = (direction[0] * inverse_z, direction[1] * inverse_z);
+    let du = (all(along[0]) - u * along[2]) * inverse_z;
+    let dv = (all(along[1]) - v * along[2]) * inverse_z;
+    let r2 = u * u + v * v;
+    let radial = r2 * (r2 * (r2 * k3 + k2) + k1) + 1.0;
+    let bent_u = u * radial + u * (2.0 * p1) * v + (r2 + u * 2.0 * u) * p2;
+    let bent_v = v * radial + (r2 + v * 2.0 * v) * p1 + u * (2.0 * p2) * v;
+    let slope = (r2 * (r2 * 3.0 * k3 + 2.0 * k2) + k1) * 2.0;
+    let cross = slope * u * v + u * (2.0 * p1) + v * (2.0 * p2);
+    let turned_u = (radial + slope * u * u + v * (2.0 * p1) + u * (6.0 * p2)) * du + cross * dv;
+    let turned_v = cross * du + (radial + slope * v * v + v * (6.0 * p1) + u * (2.0 * p2)) * dv;
+    Places {
+        offset: [bent_u * fx + bent_v * skew + cx, bent_v * fy + cy],
+        tangent: [turned_u * fx + turned_v * skew, turned_v * fy],
+        stretch: inverse_z * (-2.0 * along[2]),
     }
-    out
 }
 
-impl Places {
+/// Directions of places, by their y, all alike, and by their x. A closure that computes may stay a call, which is compiled for the plainest
+/// processor.
+#[inline(always)]
+fn turned<S: Simd>([by_y, base, by_x]: [[f64; 3]; 3], x: f64x8<S>, y: f64x8<S>) -> [f64x8<S>; 3] {
+    [
+        (y * by_y[0] + base[0]) + x * by_x[0],
+        (y * by_y[1] + base[1]) + x * by_x[1],
+        (y * by_y[2] + base[2]) + x * by_x[2],
+    ]
+}
+
+/// Whether offsets from the centre of a cell lie in it, as [`super::subpixel::inside`] says.
+#[inline(always)]
+fn are_inside<S: Simd>([x, y]: [f64x8<S>; 2]) -> mask64x8<S> {
+    x.abs().simd_le(0.5 + CELL_MARGIN) & y.abs().simd_le(0.5 + CELL_MARGIN)
+}
+
+/// Places from the centres of cells.
+#[inline(always)]
+fn off_centre<S: Simd>(place: [f64x8<S>; 2], cell: [f64x8<S>; 2]) -> [f64x8<S>; 2] {
+    [place[0] - cell[0] - 0.5, place[1] - cell[1] - 0.5]
+}
+
+/// Whole numbers that are no less than zero.
+#[inline(always)]
+pub(super) fn whole<S: Simd>(numbers: f64x8<S>) -> [usize; LANES] {
+    let numbers: Lanes = (numbers + WHOLE).into();
+    numbers.map(|number| (number.to_bits() & ((1 << 52) - 1)) as usize)
+}
+
+impl<S: Simd> Places<S> {
     /// Finds the cells and their 4 × 4 samples, less the wanted phase, line by line; places become offsets from the centres of the cells.
     #[inline(always)]
     fn gather(
         &mut self,
+        simd: S,
         right: &RightPhase,
         batch: &Batch,
         again: bool,
         found: &mut Found,
     ) -> (Lines, Singles) {
-        let last = [right.width as f64 - 2.0, right.height as f64 - 2.0];
-        let width = right.width as i32;
-        let (mut first, mut nearest) = ([0; LANES], [0; LANES]);
-        for l in 0..LANES {
-            let place = [self.offset[0][l], self.offset[1][l]];
-            let from =
-                |column: i32, row: i32| [place[0] - f64::from(column) - 0.5, place[1] - f64::from(row) - 0.5];
-            let kept = again & inside(from(found.cell[0][l], found.cell[1][l]));
-            // The whole neighbourhood must lie in the image; NaN fails the comparison.
-            let inner = (place[0] >= 1.0) & (place[1] >= 1.0) & (place[0] < last[0]) & (place[1] < last[1]);
-            found.lost[l] |= !(kept | inner);
-            let there = |at: f64, before: i32| {
-                if kept {
-                    before
-                } else if inner {
-                    at as i32
-                } else {
-                    1
-                }
-            };
-            let (column, row) = (there(place[0], found.cell[0][l]), there(place[1], found.cell[1][l]));
-            (found.cell[0][l], found.cell[1][l]) = (column, row);
-            let offset = from(column, row);
-            (self.offset[0][l], self.offset[1][l]) = (offset[0], offset[1]);
-            first[l] = (row - 1) * width + column - 1;
-            nearest[l] = near(first[l] + width + 1, width, offset);
+        let place = self.offset;
+        let (width, last) = (right.width as f64, [right.width as f64 - 2.0, right.height as f64 - 2.0]);
+        // The whole neighbourhood must lie in the image; NaN fails the comparison.
+        let inner = place[0].simd_ge(1.0)
+            & place[1].simd_ge(1.0)
+            & place[0].simd_lt(last[0])
+            & place[1].simd_lt(last[1]);
+        let one = f64x8::simd_from(simd, 1.0);
+        let mut cell = [inner.select(place[0].floor(), one), inner.select(place[1].floor(), one)];
+        let mut held = inner;
+        if again {
+            let before = [0, 1].map(|axis| f64x8::simd_from(simd, found.cell[axis]));
+            let kept = are_inside(off_centre(place, before));
+            cell = [kept.select(before[0], cell[0]), kept.select(before[1], cell[1])];
+            held = kept | inner;
         }
-        let (mut lines, mut sigma) = ([[0.0; 4 * LANES]; 4], [0.0; LANES]);
+        found.lost |= !(held.to_bitmask() as Bits);
+        self.offset = off_centre(place, cell);
+        found.cell = [cell[0].into(), cell[1].into()];
+        let first = (cell[1] - 1.0) * width + (cell[0] - 1.0);
+        let nearest = whole(near(simd, first + (width + 1.0), width, self.offset));
+        let first = whole(first);
+        let (mut lines, mut sigma, mut wanted) = ([[0.0; 4 * LANES]; 4], [0.0; LANES], [0.0; 4 * LANES]);
         for l in 0..LANES {
-            let rows = &right.phase_rad[first[l] as usize..];
+            let rows = &right.phase_rad[first[l]..];
             for line in 0..4 {
                 lines[line][4 * l..4 * l + 4].copy_from_slice(&rows[line * right.width..][..4]);
             }
-            sigma[l] = right.sigma_rad[nearest[l] as usize];
-        }
-        let mut wanted = [0.0; 4 * LANES];
-        for l in 0..LANES {
+            sigma[l] = right.sigma_rad[nearest[l]];
             wanted[4 * l..4 * l + 4].copy_from_slice(&[batch.wanted[l]; 4]);
         }
         for samples in &mut lines {
@@ -247,152 +293,69 @@ impl Places {
         (lines, sigma)
     }
 
-    /// One step along the tangents to where the models vanish, as [`Patch::step`] makes it; places that are exact enough are settled.
+    /// One step along the tangents to where the models vanish, as [`super::patch::Patch::step`] makes it; places that are exact enough are settled.
     #[inline(always)]
     fn advance(
         &self,
+        simd: S,
         right: &RightPhase,
         batch: &Batch,
         (samples, sigma): (&Lines, &Singles),
         found: &mut Found,
     ) {
-        let Patches { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = Patches::fit(samples, sigma);
+        let Patches { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = Patches::fit(simd, samples, sigma);
         let pitch = right.pitch;
-        let (mut steps, mut slopes) = ([0.0; LANES], [0.0; LANES]);
-        for l in 0..LANES {
-            let (xi, eta) = (self.offset[0][l] as f32, self.offset[1][l] as f32);
-            let (tx, ty) = ((self.tangent[0][l] * pitch) as f32, (self.tangent[1][l] * pitch) as f32);
-            let value = a[l]
-                + xi * (bx[l] + cxy[l] * eta)
-                + by[l] * eta
-                + cxx[l] * (xi * xi - 1.25)
-                + cyy[l] * (eta * eta - 1.25);
-            let gx = bx[l] + 2.0 * cxx[l] * xi + cxy[l] * eta;
-            let gy = by[l] + 2.0 * cyy[l] * eta + cxy[l] * xi;
-            let slope = gx * tx + gy * ty;
-            let bend = 2.0 * (cxx[l] * tx * tx + cxy[l] * tx * ty + cyy[l] * ty * ty);
-            let inverse = 1.0 / slope;
-            let mut step = -value * inverse;
-            step -= 0.5 * bend * step * step * inverse;
-            step -= (value + step * (slope + 0.5 * bend * step)) / (slope + bend * step);
-            (steps[l], slopes[l]) = (step, slope + bend * step);
-        }
-        let zero = [0.0; LANES];
-        let (mut x, mut slope, mut factor, mut ends) = (zero, zero, zero, [zero; 2]);
+        let (xi, eta) = (narrowed(simd, self.offset[0]), narrowed(simd, self.offset[1]));
+        let (tx, ty) = (narrowed(simd, self.tangent[0] * pitch), narrowed(simd, self.tangent[1] * pitch));
+        let value = a + xi * (bx + cxy * eta) + by * eta + cxx * (xi * xi - 1.25) + cyy * (eta * eta - 1.25);
+        let gx = bx + cxx * 2.0 * xi + cxy * eta;
+        let gy = by + cyy * 2.0 * eta + cxy * xi;
+        let slope = gx * tx + gy * ty;
+        let bend = (cxx * tx * tx + cxy * tx * ty + cyy * ty * ty) * 2.0;
+        let inverse = f32x8::simd_from(simd, 1.0) / slope;
+        let mut step = -value * inverse;
+        step -= bend * 0.5 * step * step * inverse;
+        step -= (value + step * (slope + bend * 0.5 * step)) / (slope + bend * step);
+        let slope = slope + bend * step;
+
+        let of = |lanes: Lanes| f64x8::simd_from(simd, lanes);
+        let along = widened(simd, step) * pitch;
+        let search = of(batch.search_px) * pitch;
+        let one = f64x8::simd_from(simd, 1.0);
+        let x = of(batch.x) + along * (one - self.stretch * 0.5 * along);
+        let end = [self.offset[0] + self.tangent[0] * along, self.offset[1] + self.tangent[1] * along];
         // Whether the step is one that the search may make, and whether it ends the search.
-        let mut holds = [[false; LANES]; 2];
+        let may = along.abs().simd_le(search * 2.0);
+        let ends =
+            along.abs().simd_lt(right.reach) & are_inside(end) & (x - of(batch.coarse)).abs().simd_le(search);
+        found.lost |= !(may.to_bitmask() as Bits & accepted);
+        found.settled = ends.to_bitmask() as Bits & !found.lost;
+        let settled = mask64x8::from_bitmask(simd, u64::from(found.settled));
+        let width = right.width as f64;
+        let pixel = near(simd, of(found.cell[1]) * width + of(found.cell[0]), width, end);
+        found.pixel = whole(settled.select(pixel, f64x8::simd_from(simd, 0.0)));
+        let mut noise = [0.0; LANES];
         for l in 0..LANES {
-            let along = f64::from(steps[l]) * pitch;
-            let search = batch.search_px[l] * pitch;
-            x[l] = batch.x[l] + along * (1.0 - 0.5 * self.stretch[l] * along);
-            let end = [
-                self.offset[0][l] + self.tangent[0][l] * along,
-                self.offset[1][l] + self.tangent[1][l] * along,
-            ];
-            slope[l] = f64::from(slopes[l]) / pitch;
-            factor[l] = Patch::quadratic_variance(end[0], end[1]);
-            (ends[0][l], ends[1][l]) = (end[0], end[1]);
-            holds[0][l] = along.abs() <= 2.0 * search;
-            holds[1][l] =
-                (along.abs() < right.reach) & inside(end) & ((x[l] - batch.coarse[l]).abs() <= search);
+            noise[l] = right.sigma_rad[found.pixel[l]];
         }
-        (found.x, found.slope) = (x, slope);
-        let width = right.width as i32;
-        let mut pixel = [0; LANES];
-        for l in 0..LANES {
-            found.lost[l] |= !(holds[0][l] & accepted[l]);
-            found.settled[l] = holds[1][l] & !found.lost[l];
-            let near = near(found.cell[1][l] * width + found.cell[0][l], width, [ends[0][l], ends[1][l]]);
-            pixel[l] = if found.settled[l] { near } else { 0 };
-        }
-        let mut sigma = zero;
-        for l in 0..LANES {
-            found.pixel[l] = pixel[l] as usize;
-            sigma[l] = f64::from(right.sigma_rad[found.pixel[l]]);
-        }
-        for l in 0..LANES {
-            found.variance[l] = factor[l] * sigma[l] * sigma[l];
-        }
+        let noise = widened(simd, f32x8::simd_from(simd, noise));
+        found.x = x.into();
+        found.slope = (widened(simd, slope) / pitch).into();
+        found.variance = (quadratic_variances(end) * noise * noise).into();
     }
 }
 
-/// The pixel of a cell that is nearest to a place in it, from its first pixel and the offset from its centre.
+/// The sums of squared weights, as [`super::patch::Patch::quadratic_variance`] gives them.
 #[inline(always)]
-fn near(first: i32, width: i32, offset: [f64; 2]) -> i32 {
-    first + if offset[1] > 0.0 { width } else { 0 } + i32::from(offset[0] > 0.0)
+fn quadratic_variances<S: Simd>([xi, eta]: [f64x8<S>; 2]) -> f64x8<S> {
+    let (x2, y2) = (xi * xi, eta * eta);
+    let (px, py) = (x2 - 1.25, y2 - 1.25);
+    (px * px + 1.0 + py * py) * 0.0625 + (x2 + y2) * 0.05 + x2 * 0.04 * y2
 }
 
-/// Four lines of samples, four of each pixel after the other.
-type Lines = [[f32; 4 * LANES]; 4];
-
-/// Single values of the pixels side by side.
-type Singles = [f32; LANES];
-
-/// The quadratics of [`Patch::quadratic`], side by side.
-struct Patches {
-    a: Singles,
-    b: [Singles; 2],
-    c: [Singles; 3],
-    /// Whether the quadratic holds.
-    accepted: [bool; LANES],
-}
-
-impl Patches {
-    /// The same steps in the same order as for one pixel.
-    #[inline(always)]
-    fn fit(samples: &Lines, sigma: &Singles) -> Self {
-        let zero = [0.0; LANES];
-        let lines = [0.0; 4 * LANES];
-        let (mut zeroth, mut first, mut second, mut squares) = (lines, lines, lines, lines);
-        let [l0, l1, l2, l3] = samples;
-        for i in 0..4 * LANES {
-            let (inner, outer) = (l1[i] + l2[i], l0[i] + l3[i]);
-            zeroth[i] = inner + outer;
-            first[i] = 1.5 * (l3[i] - l0[i]) + 0.5 * (l2[i] - l1[i]);
-            second[i] = outer - inner;
-            squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
-        }
-        let (zeroth, first) = (columns(&zeroth), columns(&first));
-        let (second, squares) = (columns(&second), columns(&squares));
-        let (mut out, mut residual, mut limit) =
-            (Self { a: zero, b: [zero; 2], c: [zero; 3], accepted: [false; LANES] }, zero, zero);
-        let Self { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = &mut out;
-        for l in 0..LANES {
-            // As `Patch::quadratic`, number by number.
-            let sum = |v: &[Singles; 4]| (v[0][l] + v[3][l]) + (v[1][l] + v[2][l]);
-            let slope = |v: &[Singles; 4]| 1.5 * (v[3][l] - v[0][l]) + 0.5 * (v[2][l] - v[1][l]);
-            let (a_, bx_, cxx_) = (sum(&zeroth), slope(&zeroth), {
-                (zeroth[0][l] + zeroth[3][l]) - (zeroth[1][l] + zeroth[2][l])
-            });
-            let (by_, cxy_, cyy_, squares) = (sum(&first), slope(&first), sum(&second), sum(&squares));
-            let explained = a_ * a_ / 16.0
-                + (bx_ * bx_ + by_ * by_) / 20.0
-                + (cxx_ * cxx_ + cyy_ * cyy_) / 16.0
-                + cxy_ * cxy_ / 25.0;
-            (a[l], bx[l], by[l]) = (a_ / 16.0, bx_ / 20.0, by_ / 20.0);
-            (cxx[l], cxy[l], cyy[l]) = (cxx_ / 16.0, cxy_ / 25.0, cyy_ / 16.0);
-            let noise = MAX_NOISE * sigma[l];
-            residual[l] = (squares - explained) / 10.0;
-            limit[l] = noise * noise
-                + MAX_ROUGHNESS * MAX_ROUGHNESS * (bx[l] * bx[l] + by[l] * by[l])
-                + 1e-6 * squares;
-        }
-        for l in 0..LANES {
-            // NaN (a masked sample) fails the comparison.
-            accepted[l] = residual[l] <= limit[l];
-        }
-        out
-    }
-}
-
-/// The first values of all pixels, then the second ones, and so on.
+/// The pixels of cells that are nearest to places in them, from their first pixels and the offsets from their centres.
 #[inline(always)]
-fn columns(line: &[f32; 4 * LANES]) -> [Singles; 4] {
-    let mut columns = [[0.0; LANES]; 4];
-    for l in 0..LANES {
-        for (i, column) in columns.iter_mut().enumerate() {
-            column[l] = line[4 * l + i];
-        }
-    }
-    columns
+fn near<S: Simd>(simd: S, first: f64x8<S>, width: f64, offset: [f64x8<S>; 2]) -> f64x8<S> {
+    let [zero, one, row] = [0.0, 1.0, width].map(|value| f64x8::simd_from(simd, value));
+    first + offset[1].simd_gt(0.0).select(row, zero) + offset[0].simd_gt(0.0).select(one, zero)
 }

@@ -4,7 +4,7 @@
 //! none of them, so wider vectors change the time and not the result. The functions called must be `#[inline(always)]`:
 //! what is not inlined is compiled for the plainest processor.
 
-use fearless_simd::{Level, Simd, SimdBase};
+use fearless_simd::{Level, Simd, SimdBase, f32x8, f64x8};
 
 /// Runs an expression compiled for each level of instructions, at the best one up to a given [`Level`]. `|simd|` before it names what makes
 /// vectors of that level, for loops that the compiler does not make vectors of by itself.
@@ -41,6 +41,20 @@ pub(crate) fn loaded<S: Simd>(simd: S, values: &[f32], first: usize) -> S::f32s 
 #[inline(always)]
 pub(crate) fn put<S: Simd>(vector: S::f32s, values: &mut [f32], first: usize) {
     vector.store_slice(&mut values[first..][..S::f32s::LEN]);
+}
+
+/// The same numbers in single precision.
+#[inline(always)]
+pub(crate) fn narrowed<S: Simd>(simd: S, numbers: f64x8<S>) -> f32x8<S> {
+    let (low, high) = simd.split_f64x8(numbers);
+    simd.narrow_f64x4(low, high)
+}
+
+/// The same numbers in double precision.
+#[inline(always)]
+pub(crate) fn widened<S: Simd>(simd: S, numbers: f32x8<S>) -> f64x8<S> {
+    let (low, high) = simd.widen_f32x8(numbers);
+    simd.combine_f64x4(low, high)
 }
 
 /// All levels of this processor, the plainest first.
