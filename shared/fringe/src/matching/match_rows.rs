@@ -171,13 +171,13 @@ impl Scan<'_> {
         if points == Bits::MAX {
             return;
         }
-        for l in 0..LANES {
+        for (l, unmatched) in none.into_iter().enumerate() {
             let holds = |bits: Bits| bits >> l & 1 != 0;
             if holds(points) {
                 continue;
             }
             if !batch.live[l] {
-                hits[number].samples.cause[l] = none[l];
+                hits[number].samples.cause[l] = unmatched;
             } else if holds(found.settled) {
                 report.count(samples.cause[l]);
             } else if holds(found.lost) {

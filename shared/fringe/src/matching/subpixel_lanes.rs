@@ -335,8 +335,8 @@ impl<S: Simd> Places<S> {
         let pixel = near(simd, of(found.cell[1]) * width + of(found.cell[0]), width, end);
         found.pixel = whole(settled.select(pixel, f64x8::simd_from(simd, 0.0)));
         let mut noise = [0.0; LANES];
-        for l in 0..LANES {
-            noise[l] = right.sigma_rad[found.pixel[l]];
+        for (noise, pixel) in noise.iter_mut().zip(found.pixel) {
+            *noise = right.sigma_rad[pixel];
         }
         let noise = widened(simd, f32x8::simd_from(simd, noise));
         found.x = x.into();
