@@ -16,6 +16,7 @@
 //! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
+mod along;
 mod calibrated;
 mod chi_square;
 mod choice;
@@ -32,6 +33,7 @@ mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
+mod three;
 mod tiles;
 mod volume;
 
@@ -40,7 +42,8 @@ pub use choice::{Choice, KNOWN_LENGTH, ViewCorrection};
 pub use correct::{LengthReading, ViewEstimate, estimate_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};
 pub use error::HealthError;
-pub use matches::{Match, MatchCounts, Matches, match_projector, match_views};
+pub use matches::{Lit, Match, MatchCounts, Matches, match_projector, match_views};
 pub use parameters::PairCovariance;
 pub use settings::HealthSettings;
 pub use state::{Partner, stepped};
+pub use three::ThreeViews;
