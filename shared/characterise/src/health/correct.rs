@@ -4,6 +4,7 @@
 //! Gauss–Newton, with what drifts are like as a prior: a direction that the matches do not determine stays where the rig file has
 //! it. The errors of the calibration are estimated with them (see `calibrated`), so that the covariance of the estimate holds the phase
 //! noise, the error of the phase itself and the calibration's covariance, as the test of [`check_pair`] does; the error of the phase is no more than the pattern that the fit leaves allows. Which of the seven really changed is chosen afterwards, see `choice`.
+//! Places that a partner measures with the projector that lights it enter after the pairs, where they agree with these, see `three`.
 
 use super::HealthError;
 use super::calibrated::{Root, Sums, ViewCovariance};

@@ -12,6 +12,8 @@
 //!    pattern that the drift leaves is tested beside it: a lens that changed, or a phase worse than stated.
 //!
 //! 3. [`estimate_view`], [`ViewEstimate::choose`]: the state of a drifted view, and which of its causes changed, where the residuals tell.
+//!    Where a partner and the projector that lights both measure places together, the view must see these where it does, along the
+//!    epipolar lines too; places that the pairs or certified lengths contradict are left out ([`ThreeViews`]).
 //!
 //! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
