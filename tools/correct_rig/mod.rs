@@ -10,8 +10,8 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
-    Choice, HealthSettings, LengthReading, PairCovariance, Partner, ViewCorrection, ViewCovariance,
-    check_pair, estimate_view,
+    Choice, HealthSettings, LengthReading, PairCovariance, Partner, ThreeViews, ViewCorrection,
+    ViewCovariance, check_pair, estimate_view,
 };
 use files::provenance::Provenance;
 use files::recording::RECORDING_FILE;
@@ -144,6 +144,18 @@ pub struct Found {
     pub lengths: Vec<usize>,
     /// The simplest model without the lengths, where they contradict it.
     pub doubted: Option<ViewCorrection>,
+    /// Partners that measure places together with the projector that lights them.
+    pub places: Vec<PlacesOf>,
+}
+
+/// Two fixed views that measure places together.
+pub struct PlacesOf {
+    /// Name of the partner.
+    pub partner: String,
+    /// Name of the projector.
+    pub projector: String,
+    /// Whether their places count, and why.
+    pub three: ThreeViews,
 }
 
 /// A pair of the view in one recording with the view in a new state.
@@ -182,10 +194,16 @@ impl Judge<'_> {
                     fixed: camera(rig, link.partner)?,
                     device: devices.iter().position(|name| *name == link.partner).unwrap_or_default(),
                     matches: &link.matches,
+                    lit_by: self.lit_by(link, &devices),
                     measures: rig.pairs.iter().any(|pair| pair.name == link.check.name),
                 })
             })
             .collect::<Result<_>>()?;
+        let named = |three: &ThreeViews| PlacesOf {
+            partner: devices[three.device].to_owned(),
+            projector: devices[three.projector].to_owned(),
+            three: *three,
+        };
         let mut estimate =
             estimate_view(start, &partners, self.calibration(&devices).as_ref(), self.settings)?;
         if !self.health(&estimate.camera(), links)?.iter().all(|after| after.healthy) {
@@ -218,7 +236,8 @@ impl Judge<'_> {
             models.iter().any(|model| model.changes == simple.changes && !model.is_possible())
         };
         let doubted = without_lengths.filter(|simple| !all.is_empty() && contradicted(simple));
-        Ok(Found { view, models, baseline, lengths, doubted })
+        let places = estimate.three_views.iter().map(named).collect();
+        Ok(Found { view, models, baseline, lengths, doubted, places })
     }
 
     /// A rig that its own check would call unhealthy is none to write.
@@ -267,6 +286,17 @@ impl Judge<'_> {
 
     fn covariance_of(&self, link: &Link) -> Option<PairCovariance> {
         pair_covariance(self.covariance?, &self.pair(link))
+    }
+
+    /// The projector that lights the view and a camera, and its number: with the camera it measures places. Only where the calibration states what it
+    /// leaves open of both, since places of views that count as exact would carry the drifted one with them.
+    fn lit_by(&self, link: &Link, devices: &[&str]) -> Option<(&Camera, usize)> {
+        let projector = link.check.projector.as_str();
+        let known = &self.covariance?.devices;
+        let stated = |name: &str| known.iter().any(|device| device == name);
+        let usable = projector != link.partner && stated(projector) && stated(link.partner);
+        let device = devices.iter().position(|name| *name == projector).filter(|_| usable)?;
+        Some((self.rig_file.rig.projector(projector)?, device))
     }
 
     /// What the calibration leaves open of the partners, then of the view; views that it did not include count as exact.

@@ -1,7 +1,7 @@
 //! The corrected rig file with its covariance and history, and what is printed of it.
 
 use super::shown::Shown;
-use super::{Args, Found, Judge, PairAfter};
+use super::{Args, Found, Judge, PairAfter, PlacesOf};
 use anyhow::{Context, Result};
 use characterise::calibration::PARAMETERS;
 use characterise::health::ViewCorrection;
@@ -67,7 +67,7 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
 
 /// What was corrected, and what is left of the residuals of each pair.
 pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -> Vec<String> {
-    let Found { view: found, models, baseline, lengths, doubted } = found;
+    let Found { view: found, models, baseline, lengths, doubted, places } = found;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
     let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
@@ -100,6 +100,7 @@ pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -
     for (shown, lengths) in shown.iter().zip(lengths).filter(|(shown, _)| shown.plan.is_some()) {
         lines.push(format!("{}: {lengths} certified lengths measured", shown.recording.folder.display()));
     }
+    lines.extend(places.iter().map(of_places));
     if let Some(simple) = doubted {
         lines.push(format!(
             "warning: without the length standard {} alone explains the residuals (χ² {:.1} of {:.1}); check the certified lengths before \
@@ -117,6 +118,22 @@ pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -
         lines.push(format!("{place}{name}: drift {before_px:.4} px rms before, {rms_px:.4} px after"));
     }
     lines
+}
+
+/// Whether places that two fixed views measure together counted.
+fn of_places(places: &PlacesOf) -> String {
+    let PlacesOf { partner, projector, three } = places;
+    if three.agrees() {
+        return format!("{} places that {partner} and {projector} measure together entered", three.used);
+    }
+    let by = if three.lengths_agree {
+        format!("the pairs contradict them (χ² {:.1} of {:.1})", three.chi2, three.limit)
+    } else {
+        "the certified lengths contradict them".to_owned()
+    };
+    format!(
+        "warning: the places that {partner} and {projector} measure together were left out: {by}; one of both may have moved"
+    )
 }
 
 /// Keys that other programs rely on.
@@ -137,6 +154,11 @@ pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[PairAfter]) -> 
         "drift": found.map(|(_, found)| found.view.drift),
         "u_drift": found.map(|(_, found)| found.view.u()),
         "lengths": found.map(|(_, found)| &found.lengths),
+        "places": found.map(|(_, found)| found.places.iter().map(|places| json!({
+            "partner": places.partner, "projector": places.projector, "used": places.three.used,
+            "chi2": places.three.chi2, "limit": places.three.limit, "lengths_agree": places.three.lengths_agree,
+            "entered": places.three.agrees(),
+        })).collect::<Vec<_>>()),
         "baseline": found.and_then(|(_, found)| found.baseline),
         "pairs": after.iter().map(|pair| json!({
             "name": pair.name, "recording": args.recordings[pair.recording],

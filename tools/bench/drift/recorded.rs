@@ -81,7 +81,9 @@ impl Recorded {
     pub fn partners<'a>(&'a self, calibrated: &'a Calibrated) -> Result<Vec<Partner<'a>>> {
         let one = |(i, name): (usize, &&str)| {
             let fixed = calibrated.device(name)?;
-            Ok(Partner { fixed, device: i, matches: &self.matches[i], measures: i == 0 })
+            // The first projector lights both cameras.
+            let lit_by = if i == 0 { Some((calibrated.device(PARTNERS[1])?, 1)) } else { None };
+            Ok(Partner { fixed, device: i, matches: &self.matches[i], lit_by, measures: i == 0 })
         };
         PARTNERS.iter().enumerate().map(one).collect()
     }

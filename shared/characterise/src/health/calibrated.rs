@@ -96,10 +96,15 @@ impl Sums {
         }
     }
 
-    /// Adds the residuals of a partner, all of one weight.
-    pub fn add(&mut self, device: usize, kept: &[&Row], weight: f64) {
-        let view = self.errors_right.len() - COUNT;
-        let place = |k: usize| if k < COUNT { device * COUNT + k } else { view + k - COUNT };
+    /// Adds residuals of fixed devices and the view, all of one weight.
+    pub fn add<const N: usize, const P: usize>(
+        &mut self,
+        devices: &[usize],
+        kept: &[&Row<N, P>],
+        weight: f64,
+    ) {
+        let view = self.errors_right.len() / COUNT - 1;
+        let place = |k: usize| devices.get(k / COUNT).unwrap_or(&view) * COUNT + k % COUNT;
         for row in kept {
             for (i, a) in row.cause.iter().enumerate() {
                 self.drift_right[i] += weight * a * row.error;
@@ -115,6 +120,38 @@ impl Sums {
         }
     }
 
+    /// Sums over nothing, for the same devices.
+    pub fn empty(&self) -> Self {
+        Self::new(self.errors_right.len() / COUNT - 1)
+    }
+
+    /// Sums over the residuals of both.
+    pub fn plus(&self, other: &Self) -> Self {
+        let plus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect();
+        Self {
+            drift: self.drift.plus(&other.drift),
+            cross: self.cross.plus(&other.cross),
+            errors: self.errors.plus(&other.errors),
+            drift_right: plus(&self.drift_right, &other.drift_right),
+            errors_right: plus(&self.errors_right, &other.errors_right),
+        }
+    }
+
+    /// Sums over the residuals of both, those of the other one with a further drift of their own: the unknowns after those that they share.
+    pub fn with_own_drift_of(&self, other: &Self) -> Self {
+        let (both, n) = (self.plus(other), UNKNOWNS);
+        let part = |i: usize, j: usize| if i.max(j) < n { &both.drift } else { &other.drift };
+        Self {
+            drift: Dense::from_fn(2 * n, 2 * n, |i, j| part(i, j).at(i % n, j % n)),
+            cross: Dense::from_fn(2 * n, both.cross.cols, |i, j| {
+                if i < n { both.cross.at(i, j) } else { other.cross.at(i - n, j) }
+            }),
+            drift_right: [both.drift_right.as_slice(), &other.drift_right].concat(),
+            errors: both.errors,
+            errors_right: both.errors_right,
+        }
+    }
+
     /// Information on the drift, and its product with the drift.
     pub fn without_errors(&self, root: &Root) -> Result<(Dense, Vec<f64>), HealthError> {
         let n = root.transposed.rows;
@@ -125,7 +162,8 @@ impl Sums {
         let inverse = Factor::new(&inner).map_err(|_| HealthError::Degenerate)?.inverse();
         let cross = self.cross.times(&root.transposed.transposed());
         let taken = cross.sandwich(&inverse);
-        let information = Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| self.drift.at(i, j) - taken.at(i, j));
+        let size = self.drift.rows;
+        let information = Dense::from_fn(size, size, |i, j| self.drift.at(i, j) - taken.at(i, j));
         let errors = inverse.apply(&root.transposed.apply(&self.errors_right));
         let right = self.drift_right.iter().zip(cross.apply(&errors)).map(|(a, b)| a - b).collect();
         Ok((information, right))

@@ -4,30 +4,38 @@
 //! Gauss–Newton, with what drifts are like as a prior: a direction that the matches do not determine stays where the rig file has
 //! it. The errors of the calibration are estimated with them (see `calibrated`), so that the covariance of the estimate holds the phase
 //! noise, the error of the phase itself and the calibration's covariance, as the test of [`check_pair`] does; the error of the phase is no more than the pattern that the fit leaves allows. Which of the seven really changed is chosen afterwards, see `choice`.
+//! Places that a partner measures with the projector that lights it enter after the pairs, where they agree with these, see `three`.
 
 use super::HealthError;
 use super::calibrated::{Root, Sums, ViewCovariance};
+use super::chi_square;
+use super::choice::KNOWN_LENGTH;
 use super::drift::check_pair;
 use super::lengths::length_form;
 use super::robust;
-use super::rows::{Row, rows};
+use super::rows::{PairRow, rows};
 use super::settings::HealthSettings;
 use super::state::{Partner, UNKNOWNS, stepped};
+use super::three::{ThreeViews, add_along, three_views};
 use super::tiles::Tiles;
 use super::volume;
 use fringe::geometry::camera::Camera;
-use fringe::math::linear::{Dense, Factor};
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Vector3;
 
 /// Rounds of Gauss–Newton; drifts are small, so that the second one only confirms.
 const ROUNDS: usize = 4;
+/// The same from the estimate by the pairs, which is near.
+const ROUNDS_FROM_PAIRS: usize = 2;
 /// Standard deviation of a drift before anything is seen of it: rad, mm, relative change of the focal length.
-const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
+pub(super) const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
 
 /// Smooth errors of the phase within the causes are taken for up to so many times those that no cause explains …
 const PATTERN: f64 = 2.0;
 /// … and for this at least, px: patterns below are noise.
 const LEAST_ERROR_PX: f64 = 5e-4;
+/// Probability with which true lengths contradict a true estimate.
+const LENGTHS_CONTRADICT: f64 = 1e-3;
 /// Steps of the derivatives of measured lengths: rotations (rad), shifts (mm), relative focal length; large against what single points do.
 const STEPS: [f64; UNKNOWNS] = [2e-5, 2e-5, 2e-5, 1e-2, 1e-2, 1e-2, 5e-5];
 
@@ -38,6 +46,8 @@ pub struct LengthReading {
     pub error_mm: f64,
     /// Standard uncertainty of this difference, mm.
     pub u_mm: f64,
+    /// Certified length, mm.
+    pub certified_mm: f64,
     /// Derivatives of the measured length by rotations (rad), shifts (mm) and relative focal length.
     pub by: [f64; UNKNOWNS],
 }
@@ -58,6 +68,10 @@ pub struct ViewEstimate {
     pub(super) baselines_mm: Vec<Vector3<f64>>,
     /// Whether certified lengths have entered.
     pub(super) has_lengths: bool,
+    /// Fixed views that measure places together, and whether these count.
+    pub three_views: Vec<ThreeViews>,
+    /// Drift and inverse covariance by the pairs alone, where such places count as well.
+    pub(super) by_pairs: Option<([f64; UNKNOWNS], Dense)>,
 }
 
 /// The state of a view that explains the residuals of all its pairs, with all seven causes free.
@@ -70,29 +84,16 @@ pub fn estimate_view(
     calibration: Option<&ViewCovariance>,
     settings: &HealthSettings,
 ) -> Result<ViewEstimate, HealthError> {
-    // The covariance of sums over neighbours is larger than that of independent residuals.
-    let factor =
-        |p: &Partner| Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0));
-    let factors: Vec<f64> = partners.iter().map(factor).collect::<Result<_, HealthError>>()?;
-    let devices = partners.iter().map(|partner| partner.device + 1).max().unwrap_or(0);
-    let root = Root::new(calibration, devices)?;
-    let mut drift = [0.0; UNKNOWNS];
-    let mut weight = Dense::zeros(UNKNOWNS, UNKNOWNS);
-    for _ in 0..ROUNDS {
-        let now = stepped(view, &drift);
-        let mut sums = Sums::new(devices);
-        for (partner, factor) in partners.iter().zip(&factors) {
-            add_partner(&mut sums, partner, &now, *factor, settings)?;
-        }
-        let (information, mut right) = sums.without_errors(&root)?;
-        weight = information;
-        for (i, (right, prior)) in right.iter_mut().zip(PRIOR).enumerate() {
-            weight.add(i, i, prior.powi(-2));
-            *right -= drift[i] * prior.powi(-2);
-        }
-        let step = Factor::new(&weight).map_err(|_| HealthError::Degenerate)?.solve(&right);
-        drift.iter_mut().zip(&step).for_each(|(d, s)| *d += s);
-    }
+    let problem = Problem::new(view, partners, calibration, settings)?;
+    let by_pairs = problem.solve([0.0; UNKNOWNS], &[], ROUNDS)?;
+    let now = stepped(view, &by_pairs.0);
+    let three = three_views(partners, problem.pairs(&now)?, &now, &problem.root, settings)?;
+    let trusted: Vec<ThreeViews> = three.iter().copied().filter(ThreeViews::agrees).collect();
+    let ((drift, weight), by_pairs) = if trusted.is_empty() {
+        (by_pairs, None)
+    } else {
+        (problem.solve(by_pairs.0, &trusted, ROUNDS_FROM_PAIRS)?, Some(by_pairs))
+    };
     let now = stepped(view, &drift);
     let measuring = || partners.iter().filter(|p| p.measures || partners.iter().all(|p| !p.measures));
     let baseline = |p: &Partner| now.camera_from_world.rotation * (now.centre_mm() - p.fixed.centre_mm());
@@ -104,6 +105,8 @@ pub fn estimate_view(
         volume: measuring().flat_map(|p| volume::lengths(p, &now)).collect(),
         baselines_mm: measuring().map(baseline).collect(),
         has_lengths: false,
+        three_views: three,
+        by_pairs,
     })
 }
 
@@ -137,21 +140,28 @@ impl ViewEstimate {
             for (k, by) in by.iter_mut().enumerate() {
                 *by = (there[k].get(index).copied().flatten()?.0 - value) / STEPS[k];
             }
-            Some(LengthReading { error_mm: certified - value, u_mm, by })
+            Some(LengthReading { error_mm: certified - value, u_mm, certified_mm: *certified, by })
         };
         Ok(certified_mm.iter().enumerate().filter_map(reading).collect())
     }
 
-    /// The same with lengths that were measured with the view in this state.
+    /// The same with lengths that were measured with the view in this state. Places that two fixed views measure together are left out
+    /// where the lengths contradict them: one of these views moved as no pair shows it.
     #[must_use]
     pub fn with_lengths(mut self, readings: &[LengthReading]) -> Self {
         self.has_lengths |= !readings.is_empty();
+        // What the drift must do to each length.
+        let change = |reading: &LengthReading| reading.error_mm + dot(&reading.by, &self.drift);
+        let changes: Vec<f64> = readings.iter().map(change).collect();
+        if self.by_pairs.is_some() && self.contradict(readings) {
+            (self.drift, self.weight) = self.by_pairs.take().unwrap_or((self.drift, self.weight));
+            self.three_views.iter_mut().for_each(|three| three.lengths_agree = false);
+        }
         let mut right = self.weight.apply(&self.drift);
-        for reading in readings {
+        for (reading, change) in readings.iter().zip(changes) {
             let weight = reading.u_mm.max(1e-9).powi(-2);
-            let length: f64 = reading.by.iter().zip(self.drift).map(|(by, d)| by * d).sum();
             for (i, (right, a)) in right.iter_mut().zip(reading.by).enumerate() {
-                *right += weight * a * (length + reading.error_mm);
+                *right += weight * a * change;
                 for (j, b) in reading.by.iter().enumerate() {
                     self.weight.add(i, j, weight * a * b);
                 }
@@ -161,6 +171,85 @@ impl ViewEstimate {
             self.drift.iter_mut().zip(solved.solve(&right)).for_each(|(d, s)| *d = s);
         }
         self
+    }
+
+    /// Whether certified lengths contradict the estimate: χ² against both uncertainties and what a good calibration leaves of lengths,
+    /// which is common to all of them.
+    fn contradict(&self, readings: &[LengthReading]) -> bool {
+        let Ok(factor) = Factor::new(&self.weight) else { return false };
+        let by: Vec<Vec<f64>> = readings.iter().map(|reading| factor.solve(&reading.by)).collect();
+        let open = |i: usize| KNOWN_LENGTH * readings[i].certified_mm;
+        let covariance = Dense::from_fn(readings.len(), readings.len(), |i, j| {
+            let own = if i == j { readings[i].u_mm.max(1e-9).powi(2) } else { 0.0 };
+            own + dot(&readings[i].by, &by[j]) + open(i) * open(j)
+        });
+        let errors: Vec<f64> = readings.iter().map(|reading| reading.error_mm).collect();
+        let chi2 = Factor::new(&covariance).map_or(0.0, |solved| dot(&errors, &solved.solve(&errors)));
+        chi2 > chi_square::limit(LENGTHS_CONTRADICT, readings.len().max(1))
+    }
+}
+
+/// The residuals of all partners of a view.
+struct Problem<'a> {
+    view: &'a Camera,
+    partners: &'a [Partner<'a>],
+    settings: &'a HealthSettings,
+    /// Of each partner: the covariance of sums over neighbours is larger than that of independent residuals.
+    factors: Vec<f64>,
+    devices: usize,
+    root: Root,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        view: &'a Camera,
+        partners: &'a [Partner<'a>],
+        calibration: Option<&ViewCovariance>,
+        settings: &'a HealthSettings,
+    ) -> Result<Self, HealthError> {
+        let factor = |p: &Partner| {
+            Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0))
+        };
+        let factors = partners.iter().map(factor).collect::<Result<_, HealthError>>()?;
+        let of = |partner: &Partner| partner.lit_by.map_or(0, |(_, device)| device).max(partner.device) + 1;
+        let devices = partners.iter().map(of).max().unwrap_or(0);
+        let root = Root::new(calibration, devices)?;
+        Ok(Self { view, partners, settings, factors, devices, root })
+    }
+
+    /// Sums over the residuals across the epipolar lines with the view in a state.
+    fn pairs(&self, view: &Camera) -> Result<Sums, HealthError> {
+        let mut sums = Sums::new(self.devices);
+        for (partner, factor) in self.partners.iter().zip(&self.factors) {
+            add_partner(&mut sums, partner, view, *factor, self.settings)?;
+        }
+        Ok(sums)
+    }
+
+    /// The drift with its inverse covariance, from a drift near it; along the epipolar lines with the fixed views that are trusted.
+    fn solve(
+        &self,
+        start: [f64; UNKNOWNS],
+        trusted: &[ThreeViews],
+        rounds: usize,
+    ) -> Result<([f64; UNKNOWNS], Dense), HealthError> {
+        let (mut drift, mut weight) = (start, Dense::zeros(UNKNOWNS, UNKNOWNS));
+        for _ in 0..rounds {
+            let now = stepped(self.view, &drift);
+            let mut sums = self.pairs(&now)?;
+            for partner in self.partners.iter().filter(|p| trusted.iter().any(|three| three.is_of(p))) {
+                add_along(&mut sums, partner, &now, self.settings);
+            }
+            let (information, mut right) = sums.without_errors(&self.root)?;
+            weight = information;
+            for (i, (right, prior)) in right.iter_mut().zip(PRIOR).enumerate() {
+                weight.add(i, i, prior.powi(-2));
+                *right -= drift[i] * prior.powi(-2);
+            }
+            let step = Factor::new(&weight).map_err(|_| HealthError::Degenerate)?.solve(&right);
+            drift.iter_mut().zip(&step).for_each(|(d, s)| *d += s);
+        }
+        Ok((drift, weight))
     }
 }
 
@@ -174,14 +263,17 @@ fn add_partner(
 ) -> Result<(), HealthError> {
     let rows = rows(partner.fixed, view, partner.matches);
     let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
-    let kept: Vec<&Row> = rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
+    let kept: Vec<&PairRow> =
+        rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
     let sharpness: f64 = kept.iter().map(|row| row.sigma_px.powi(-2)).sum();
-    // Smooth errors of the phase leave a pattern too: where it is small, so are they.
-    let tiles = Tiles::new(&kept, &fit);
-    let seen_px = tiles.shows_pattern().then(|| PATTERN * tiles.pattern_px());
-    let error_px =
-        settings.phase_error_px.min(seen_px.map_or(f64::INFINITY, |seen| seen.max(LEAST_ERROR_PX)));
+    let error_px = phase_error_px(&Tiles::new(&kept, &fit), settings);
     let phase = error_px.powi(2) * sharpness / fit.directions.len() as f64;
-    sums.add(partner.device, &kept, 1.0 / (correlation + phase));
+    sums.add(&[partner.device], &kept, 1.0 / (correlation + phase));
     Ok(())
+}
+
+/// Smooth errors of the phase leave a pattern too: where it is small, so are they.
+pub(super) fn phase_error_px(tiles: &Tiles, settings: &HealthSettings) -> f64 {
+    let seen_px = tiles.shows_pattern().then(|| PATTERN * tiles.pattern_px());
+    settings.phase_error_px.min(seen_px.map_or(f64::INFINITY, |seen| seen.max(LEAST_ERROR_PX)))
 }

@@ -3,7 +3,7 @@
 use super::chi_square;
 use super::matches::Match;
 use super::parameters::PairCovariance;
-use super::rows::{CAUSES, Row, UNKNOWNS, rows};
+use super::rows::{CAUSES, PairRow, UNKNOWNS, rows};
 use super::settings::HealthSettings;
 use super::tiles::Tiles;
 use super::{HealthError, robust};
@@ -99,13 +99,14 @@ pub fn check_pair(
         return Err(HealthError::TooFew { found: rows.len(), needed: settings.least_matches });
     }
     let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
-    let kept: Vec<&Row> = rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
+    let kept: Vec<&PairRow> =
+        rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
     let test =
         Test::new(&kept, &fit, covariance.as_ref().map(|(places, c)| (places.as_slice(), *c)), settings);
     let drift = test.drift(&kept, &fit, settings).ok_or(HealthError::Degenerate)?;
     let (pattern_px, pattern_limit_px) = (test.tiles.pattern_px(), test.pattern_limit_px(&kept, settings));
     let mean =
-        |value: &dyn Fn(&Row) -> f64| kept.iter().map(|row| value(row)).sum::<f64>() / kept.len() as f64;
+        |value: &dyn Fn(&PairRow) -> f64| kept.iter().map(|row| value(row)).sum::<f64>() / kept.len() as f64;
     Ok(PairHealth {
         used: kept.len(),
         rejected: rows.len() - kept.len(),
@@ -142,8 +143,8 @@ const PATTERN: f64 = 2.0;
 
 impl Test {
     fn new(
-        kept: &[&Row],
-        fit: &robust::Fit,
+        kept: &[&PairRow],
+        fit: &robust::Fit<UNKNOWNS>,
         covariance: Option<(&[usize], &PairCovariance)>,
         settings: &HealthSettings,
     ) -> Self {
@@ -170,10 +171,10 @@ impl Test {
     }
 
     /// Root mean square of the pattern that phase error and calibration allow, px.
-    fn pattern_limit_px(&self, kept: &[&Row], settings: &HealthSettings) -> f64 {
+    fn pattern_limit_px(&self, kept: &[&PairRow], settings: &HealthSettings) -> f64 {
         let phase = (PATTERN * settings.phase_error_px).powi(2);
         let Some((covariance, places)) = &self.covariance else { return phase.sqrt() };
-        let variance = |row: &Row| {
+        let variance = |row: &PairRow| {
             let by: Vec<f64> = places.iter().map(|place| row.file[*place] * row.sigma_px).collect();
             by.iter().zip(covariance.apply(&by)).map(|(a, b)| a * b).sum::<f64>()
         };
@@ -184,8 +185,8 @@ impl Test {
     /// Covariance of the sums Σ b e of given derivatives b: noise, phase error, calibration.
     fn score_covariance<const N: usize>(
         &self,
-        kept: &[&Row],
-        by: impl Fn(&Row) -> [f64; N],
+        kept: &[&PairRow],
+        by: impl Fn(&PairRow) -> [f64; N],
     ) -> (Dense, Dense) {
         let mut noise = Dense::zeros(N, N);
         for row in kept {
@@ -213,7 +214,12 @@ impl Test {
         (noise, all)
     }
 
-    fn drift(&self, kept: &[&Row], fit: &robust::Fit, settings: &HealthSettings) -> Option<Drift> {
+    fn drift(
+        &self,
+        kept: &[&PairRow],
+        fit: &robust::Fit<UNKNOWNS>,
+        settings: &HealthSettings,
+    ) -> Option<Drift> {
         let directions = Dense::from_fn(fit.directions.len(), UNKNOWNS, |i, j| fit.directions[i][j]);
         let (_, covariance) = self.score_covariance(kept, |row| row.by);
         let score = directions.apply(&self.score);
@@ -234,7 +240,7 @@ impl Test {
     }
 
     /// Each cause by itself; the one that explains most comes first.
-    fn causes(&self, kept: &[&Row], fit: &robust::Fit) -> Vec<Cause> {
+    fn causes(&self, kept: &[&PairRow], fit: &robust::Fit<UNKNOWNS>) -> Vec<Cause> {
         let (noise, all) = self.score_covariance(kept, |row| row.cause);
         let explained: f64 = fit.drift.iter().zip(self.score).map(|(a, b)| a * b).sum();
         let strongest = (3..6).map(|i| noise.at(i, i)).fold(0.0, f64::max);

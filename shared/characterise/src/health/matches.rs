@@ -32,6 +32,19 @@ pub struct Match {
     pub right: Point2<f64>,
     /// Covariance of `right` by the phase noise of both views, px².
     pub covariance_px2: Matrix2<f64>,
+    /// The projector's pixel that lights the place, of two cameras under one projector.
+    pub lit: Option<Lit>,
+}
+
+/// The projector's pixel of a place that two cameras see, as the left one measures it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lit {
+    /// Pixel of the projector.
+    pub pixel: Point2<f64>,
+    /// Covariance of the pixel by the phase noise of the left view, px².
+    pub covariance_px2: Matrix2<f64>,
+    /// Covariance of the right pixel (rows) with this one (columns), px².
+    pub with_right_px2: Matrix2<f64>,
 }
 
 impl Match {
@@ -179,10 +192,16 @@ pub fn match_views(left: [&PhaseView; 2], right: [&PhaseView; 2]) -> Result<Matc
             out.counts.rough += 1;
             continue;
         }
-        let noise =
-            window.variance(left.scale, Vector2::zeros()) + at.window.variance(right.scale, at.offset);
+        let own = window.variance(left.scale, Vector2::zeros());
+        let noise = own + at.window.variance(right.scale, at.offset);
         let covariance_px2 = at.inverse * noise * at.inverse.transpose();
-        out.matches.push(Match { left: place, right: at.middle + at.offset, covariance_px2 });
+        // What the left view measures wrongly leads to another place of the right view.
+        let lit = Lit {
+            pixel: Point2::from(window.lit(left.scale, Vector2::zeros())),
+            covariance_px2: own,
+            with_right_px2: at.inverse * own,
+        };
+        out.matches.push(Match { left: place, right: at.middle + at.offset, covariance_px2, lit: Some(lit) });
     }
     Ok(out)
 }
@@ -206,7 +225,7 @@ pub fn match_projector(camera: [&PhaseView; 2]) -> Result<Matches, HealthError> 
         }
         let at = Vector2::zeros();
         let right = Point2::from(window.lit(maps.scale, at));
-        out.matches.push(Match { left, right, covariance_px2: window.variance(maps.scale, at) });
+        out.matches.push(Match { left, right, covariance_px2: window.variance(maps.scale, at), lit: None });
     }
     Ok(out)
 }

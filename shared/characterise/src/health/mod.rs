@@ -12,10 +12,13 @@
 //!    pattern that the drift leaves is tested beside it: a lens that changed, or a phase worse than stated.
 //!
 //! 3. [`estimate_view`], [`ViewEstimate::choose`]: the state of a drifted view, and which of its causes changed, where the residuals tell.
+//!    Where a partner and the projector that lights both measure places together, the view must see these where it does, along the
+//!    epipolar lines too; places that the pairs or certified lengths contradict are left out ([`ThreeViews`]).
 //!
 //! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
+mod along;
 mod calibrated;
 mod chi_square;
 mod choice;
@@ -32,6 +35,7 @@ mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
+mod three;
 mod tiles;
 mod volume;
 
@@ -40,7 +44,8 @@ pub use choice::{Choice, KNOWN_LENGTH, ViewCorrection};
 pub use correct::{LengthReading, ViewEstimate, estimate_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};
 pub use error::HealthError;
-pub use matches::{Match, MatchCounts, Matches, match_projector, match_views};
+pub use matches::{Lit, Match, MatchCounts, Matches, match_projector, match_views};
 pub use parameters::PairCovariance;
 pub use settings::HealthSettings;
 pub use state::{Partner, stepped};
+pub use three::ThreeViews;

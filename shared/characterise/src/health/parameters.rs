@@ -34,7 +34,7 @@ impl PairCovariance {
 }
 
 /// Step for the numeric derivative: small against what bends the residual, large against rounding.
-fn step(name: &str) -> f64 {
+pub(super) fn step(name: &str) -> f64 {
     match name.rsplit('_').next() {
         Some("px") => 0.1,
         Some("rad") => 1e-5,

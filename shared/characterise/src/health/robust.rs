@@ -1,6 +1,6 @@
 //! The robust fit of the joint drift.
 
-use super::rows::{Row, UNKNOWNS};
+use super::rows::Row;
 use fringe::math::linear::{Dense, eigen};
 use fringe::math::statistics::sigma_by_median;
 
@@ -21,31 +21,33 @@ const OUTLIER: f64 = 4.0;
 const CAUCHY: f64 = 2.385;
 
 /// Result of the robust fit.
-pub(super) struct Fit {
+pub(super) struct Fit<const N: usize> {
     /// Estimated drift of each unknown.
-    pub drift: [f64; UNKNOWNS],
+    pub drift: [f64; N],
     /// Which rows were kept.
     pub kept: Vec<bool>,
     /// Robust standard deviation of the residuals over the predicted one.
     pub scale: f64,
     /// The drifts that the matches determine: conjugate directions, each of unit information.
-    pub directions: Vec<[f64; UNKNOWNS]>,
+    pub directions: Vec<[f64; N]>,
 }
 
-impl Fit {
+impl<const N: usize> Fit<N> {
     /// The residual of a row by the drift.
-    pub fn modelled(&self, row: &Row) -> f64 {
+    pub fn modelled<const P: usize>(&self, row: &Row<N, P>) -> f64 {
         modelled(&self.drift, row)
     }
 }
 
-fn modelled(drift: &[f64; UNKNOWNS], row: &Row) -> f64 {
+fn modelled<const N: usize, const P: usize>(drift: &[f64; N], row: &Row<N, P>) -> f64 {
     drift.iter().zip(row.by).map(|(d, by)| d * by).sum()
 }
 
 /// Σ w a aᵀ over rows with their weights.
-pub(super) fn normal<'a>(rows: impl Iterator<Item = (&'a Row, f64)>) -> Dense {
-    let mut normal = Dense::zeros(UNKNOWNS, UNKNOWNS);
+pub(super) fn normal<'a, const N: usize, const P: usize>(
+    rows: impl Iterator<Item = (&'a Row<N, P>, f64)>,
+) -> Dense {
+    let mut normal = Dense::zeros(N, N);
     for (row, weight) in rows.filter(|(_, weight)| *weight > 0.0) {
         for (i, a) in row.by.iter().enumerate() {
             for (j, b) in row.by.iter().enumerate() {
@@ -57,12 +59,12 @@ pub(super) fn normal<'a>(rows: impl Iterator<Item = (&'a Row, f64)>) -> Dense {
 }
 
 /// Conjugate directions of unit information; undetermined ones are left out.
-fn directions(normal: &Dense) -> Vec<[f64; UNKNOWNS]> {
-    let scale: [f64; UNKNOWNS] = std::array::from_fn(|i| {
+pub(super) fn directions<const N: usize>(normal: &Dense) -> Vec<[f64; N]> {
+    let scale: [f64; N] = std::array::from_fn(|i| {
         let information = normal.at(i, i);
         if information > 0.0 { 1.0 / information.sqrt() } else { 0.0 }
     });
-    let scaled = Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| normal.at(i, j) * scale[i] * scale[j]);
+    let scaled = Dense::from_fn(N, N, |i, j| normal.at(i, j) * scale[i] * scale[j]);
     let (values, vectors) = eigen(&scaled);
     values
         .iter()
@@ -73,15 +75,18 @@ fn directions(normal: &Dense) -> Vec<[f64; UNKNOWNS]> {
 }
 
 /// Weighted least squares within the determined directions; also returns these.
-fn solve(rows: &[Row], weight: impl Fn(usize) -> f64) -> Option<([f64; UNKNOWNS], Vec<[f64; UNKNOWNS]>)> {
+fn solve<const N: usize, const P: usize>(
+    rows: &[Row<N, P>],
+    weight: impl Fn(usize) -> f64,
+) -> Option<([f64; N], Vec<[f64; N]>)> {
     let weighted = || rows.iter().enumerate().map(|(i, row)| (row, weight(i)));
     let matrix = normal(weighted());
-    let mut right = [0.0; UNKNOWNS];
+    let mut right = [0.0; N];
     for (row, w) in weighted() {
         right.iter_mut().zip(row.by).for_each(|(sum, by)| *sum += w * by * row.error);
     }
     let directions = directions(&matrix);
-    let mut drift = [0.0; UNKNOWNS];
+    let mut drift = [0.0; N];
     for direction in &directions {
         let along: f64 = direction.iter().zip(right).map(|(a, b)| a * b).sum();
         drift.iter_mut().zip(direction).for_each(|(d, v)| *d += along * v);
@@ -96,11 +101,10 @@ fn spread(residuals: &[f64]) -> f64 {
 }
 
 /// Fits the drift; `None` for rows that determine nothing.
-pub(super) fn fit(rows: &[Row]) -> Option<Fit> {
-    let residuals = |drift: &[f64; UNKNOWNS]| -> Vec<f64> {
-        rows.iter().map(|row| row.error - modelled(drift, row)).collect()
-    };
-    let mut drift = [0.0; UNKNOWNS];
+pub(super) fn fit<const N: usize, const P: usize>(rows: &[Row<N, P>]) -> Option<Fit<N>> {
+    let residuals =
+        |drift: &[f64; N]| -> Vec<f64> { rows.iter().map(|row| row.error - modelled(drift, row)).collect() };
+    let mut drift = [0.0; N];
     for _ in 0..WEIGHTED_ROUNDS {
         let now = residuals(&drift);
         let scale = (CAUCHY * spread(&now)).max(f64::MIN_POSITIVE);

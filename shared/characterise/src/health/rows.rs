@@ -2,6 +2,7 @@
 
 use super::matches::Match;
 use super::parameters::{COUNT, Sensitivity};
+use super::state::POSE;
 use crate::calibration::PARAMETERS;
 use fringe::geometry::camera::Camera;
 use nalgebra::{Point2, Vector3};
@@ -23,49 +24,47 @@ pub(super) const CAUSES: [(&str, &str); 7] = [
 
 /// A residual with its derivatives, all over its standard deviation.
 #[derive(Debug, Clone)]
-pub(super) struct Row {
+pub(super) struct Row<const N: usize, const P: usize> {
     /// Epipolar residual over its standard deviation.
     pub error: f64,
     /// By the unknowns of the joint fit.
-    pub by: [f64; UNKNOWNS],
+    pub by: [f64; N],
     /// By the causes one by one.
     pub cause: [f64; CAUSES.len()],
     /// By the rig file's parameters.
-    pub file: [f64; 2 * COUNT],
+    pub file: [f64; P],
     /// Standard deviation of the residual, px.
     pub sigma_px: f64,
     /// Part of the image, for sums over neighbours.
     pub tile: u64,
 }
 
+/// A residual of two views.
+pub(super) type PairRow = Row<UNKNOWNS, { 2 * COUNT }>;
+
 /// Side of a tile, px: eight windows.
 const TILE_PX: f64 = 40.0;
 
 /// Standard deviations below this are those of ideal data, px.
-const LEAST_SIGMA_PX: f64 = 1e-6;
+pub(super) const LEAST_SIGMA_PX: f64 = 1e-6;
 
 /// Residuals with derivatives, in the order of the matches.
-pub(super) fn rows(left: &Camera, right: &Camera, matches: &[Match]) -> Vec<Row> {
+pub(super) fn rows(left: &Camera, right: &Camera, matches: &[Match]) -> Vec<PairRow> {
     let sensitivity = Sensitivity::new(left, right);
     let across = across(&sensitivity.baseline());
-    let place = |name: &str| PARAMETERS.iter().position(|known| *known == name).unwrap_or(0) + COUNT;
-    let pose = ["rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm"].map(place);
-    let focal = [place("fx_px"), place("fy_px")];
     let row = |m: &Match| {
         let answer = sensitivity.at(m.left, m.right)?;
         let [a, b] = answer.slope;
         let c = &m.covariance_px2;
         let variance = a * a * c[(0, 0)] + a * b * (c[(0, 1)] + c[(1, 0)]) + b * b * c[(1, 1)];
         let sigma_px = variance.sqrt().max(LEAST_SIGMA_PX);
-        // The true state is larger than the file's by the drift, so the residual falls.
-        let own = pose.map(|at| -answer.by[at] / sigma_px);
-        let zoom =
-            -(right.focal_px[0] * answer.by[focal[0]] + right.focal_px[1] * answer.by[focal[1]]) / sigma_px;
-        let along = |direction: &Vector3<f64>| (0..3).map(|i| direction[i] * own[3 + i]).sum::<f64>();
-        sigma_px.is_finite().then(|| Row {
+        let own: [f64; COUNT] = std::array::from_fn(|k| answer.by[COUNT + k]);
+        let cause = own_causes(&own, right).map(|by| by / sigma_px);
+        let along = |direction: &Vector3<f64>| (0..3).map(|i| direction[i] * cause[3 + i]).sum::<f64>();
+        sigma_px.is_finite().then(|| PairRow {
             error: answer.error_px / sigma_px,
-            by: [own[0], own[1], own[2], along(&across[0]), along(&across[1]), zoom],
-            cause: [own[0], own[1], own[2], own[3], own[4], own[5], zoom],
+            by: [cause[0], cause[1], cause[2], along(&across[0]), along(&across[1]), cause[6]],
+            cause,
             file: answer.by.map(|by| by / sigma_px),
             sigma_px,
             tile: tile(m.left),
@@ -75,7 +74,16 @@ pub(super) fn rows(left: &Camera, right: &Camera, matches: &[Match]) -> Vec<Row>
     matches.par_iter().map(row).collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
-fn tile(at: Point2<f64>) -> u64 {
+/// Derivatives by the causes from those by the parameters of a view in the rig file: the true state is larger than the file's by the drift,
+/// so that the residual falls.
+pub(super) fn own_causes(by: &[f64; COUNT], view: &Camera) -> [f64; CAUSES.len()] {
+    let place = |name: &str| PARAMETERS.iter().position(|known| *known == name).unwrap_or(0);
+    let [rx, ry, rz, tx, ty, tz] = POSE.map(|name| -by[place(name)]);
+    let zoom = -(view.focal_px[0] * by[place("fx_px")] + view.focal_px[1] * by[place("fy_px")]);
+    [rx, ry, rz, tx, ty, tz, zoom]
+}
+
+pub(super) fn tile(at: Point2<f64>) -> u64 {
     let part = |v: f64| (v / TILE_PX).max(0.0) as u64;
     (part(at.y) << 32) | part(at.x)
 }

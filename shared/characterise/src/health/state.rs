@@ -17,6 +17,8 @@ pub struct Partner<'a> {
     pub device: usize,
     /// Matches with the partner on the left and the corrected view on the right.
     pub matches: &'a [Match],
+    /// The projector that lights both views and counts, too, with its number.
+    pub lit_by: Option<(&'a Camera, usize)>,
     /// Whether the rig measures lengths with this pair.
     pub measures: bool,
 }

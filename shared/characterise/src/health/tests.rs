@@ -1,5 +1,7 @@
 //! The check against closed-form scenes: what is healthy, what is not, and what it states about it.
 
+mod three;
+
 use super::*;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, dot};
@@ -18,6 +20,7 @@ fn matches(left: &Camera, right: &Camera, sigma_px: f64, noise: &mut Noise, coun
         left: l,
         right: r + Vector2::new(noise.gauss(), noise.gauss()) * sigma_px,
         covariance_px2: Matrix2::identity() * sigma_px * sigma_px,
+        lit: None,
     })
     .collect()
 }
@@ -137,7 +140,7 @@ fn a_flat_object_tells_fewer_drifts() {
             let ray = left.ray(m.left)?;
             let at = ray.origin_mm - ray.direction * (ray.origin_mm.z / ray.direction.z);
             let right = right.project(&at)? + Vector2::new(noise.gauss(), noise.gauss()) * 0.02;
-            Some(Match { left: m.left, right, covariance_px2: Matrix2::identity() * 4e-4 })
+            Some(Match { left: m.left, right, covariance_px2: Matrix2::identity() * 4e-4, lit: None })
         })
         .collect();
     let flat = check_pair(&left, &right, &seen, None, &EXACT_PHASE).unwrap();
@@ -200,6 +203,7 @@ fn what_tells_nothing_is_refused() {
         left: Point2::new(3.0, 4.0),
         right: Point2::new(9.0, 9.0),
         covariance_px2: Matrix2::identity(),
+        lit: None,
     };
     let same = vec![one; 300];
     let checked = check_pair(&left, &right, &same, None, &HealthSettings::default());
@@ -214,7 +218,7 @@ fn estimate(view: &Camera, pairs: &[(&Camera, Vec<Match>)]) -> ViewEstimate {
     let partners: Vec<Partner> = pairs
         .iter()
         .enumerate()
-        .map(|(device, (fixed, matches))| Partner { fixed, device, matches, measures: true })
+        .map(|(device, (fixed, matches))| Partner { fixed, device, matches, lit_by: None, measures: true })
         .collect();
     estimate_view(view, &partners, None, &EXACT_PHASE).unwrap()
 }
@@ -276,7 +280,7 @@ fn a_shift_needs_a_length_where_one_partner_sees_it() {
         step[k] = if k < 3 || k == 6 { 1e-5 } else { 1e-2 };
         (length(&stepped(&here, &step)) - length(&here)) / step[k]
     });
-    let reading = LengthReading { error_mm: 100.0 - length(&here), u_mm: 5e-4, by };
+    let reading = LengthReading { error_mm: 100.0 - length(&here), u_mm: 5e-4, certified_mm: 100.0, by };
     let Some(Choice::Clear(known)) = found.with_lengths(&[reading]).choose() else { panic!("still open") };
     assert!((length(&known.camera) - 100.0).abs() < 0.002, "{:?}", known.drift);
     assert!((known.drift[3] - 0.05).abs() < 0.005 && known.name() == "shift", "{:?}", known.drift);
@@ -302,6 +306,7 @@ fn errors_of_the_calibration_are_no_drift_and_lengths_hold_all_over_the_volume()
             fixed,
             device: usize::from(fixed != &left),
             matches,
+            lit_by: None,
             measures: fixed == &left,
         });
         let found =
@@ -340,6 +345,8 @@ fn a_larger_model_that_may_be_true_enters_the_uncertainty() {
             volume: vec![[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]],
             baselines_mm: vec![Vector3::x() * 200.0],
             has_lengths: true,
+            three_views: Vec::new(),
+            by_pairs: None,
         };
         let Some(Choice::Clear(view)) = estimate.choose() else { panic!("{:?}", estimate.choose()) };
         assert_eq!(view.name(), "rotation");
