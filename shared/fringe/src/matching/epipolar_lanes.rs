@@ -2,7 +2,8 @@
 //! from comparisons of all of them with the cells in between. That is so nearly everywhere; other pixels are left to [`Row::find`].
 
 use super::epipolar_rows::Row;
-use super::subpixel_lanes::{Bits, LANES, whole};
+use super::patch_lanes::set32;
+use super::subpixel_lanes::{Bits, LANES, set, whole};
 use crate::math::simd::widened;
 use fearless_simd::{
     Select, Simd, SimdBase, SimdFloat, SimdFrom, SimdMask, f32x8, f64x8, mask32x8, mask64x8,
@@ -22,8 +23,10 @@ pub(super) struct Columns<S: Simd> {
 
 /// Whether a phase lies between two others.
 #[inline(always)]
-fn between<S: Simd>(phase: f64x8<S>, a: f64x8<S>, b: f64x8<S>) -> mask64x8<S> {
-    (a.simd_le(phase) & phase.simd_le(b)) | (b.simd_le(phase) & phase.simd_le(a))
+fn between<S: Simd>(phase: f64x8<S>, a: f64x8<S>, b: f64x8<S>) -> Bits {
+    let (above_a, below_a) = (set(a.simd_le(phase)), set(phase.simd_le(a)));
+    let (above_b, below_b) = (set(b.simd_le(phase)), set(phase.simd_le(b)));
+    (above_a & below_b) | (above_b & below_a)
 }
 
 /// Part of the way from one phase to another. As in a run: neighbouring cells may show the same native pixel.
@@ -40,8 +43,7 @@ impl Row {
         let none = Columns { found: 0, column, cells_per_rad: 0.0 };
         let Some(run) = self.runs.get_mut(self.alone.run).filter(|run| run.monotone) else { return none };
         let phase = f32x8::simd_from(simd, *phases);
-        let alone = phase.simd_gt(self.alone.above) & phase.simd_lt(self.alone.below);
-        let found = asked & alone.to_bitmask() as Bits;
+        let found = asked & set32(phase.simd_gt(self.alone.above)) & set32(phase.simd_lt(self.alone.below));
         if found == 0 {
             return none;
         }
@@ -78,8 +80,7 @@ impl Row {
         run.cursor = (first + next - 1) as u32;
         let (from, to, phase) = (widened(simd, from), widened(simd, to), widened(simd, phase));
         let column = widened(simd, place) + first as f64 + fraction(simd, phase, from, to);
-        let inside = between(phase, from, to).to_bitmask() as Bits;
-        Columns { found: found & inside, column, cells_per_rad: run.cells_per_rad }
+        Columns { found: found & between(phase, from, to), column, cells_per_rad: run.cells_per_rad }
     }
 
     /// Whether the search for each phase, which is that of a pixel at a column of this row, ends within a tolerance of it (cells) and finds no
@@ -98,12 +99,12 @@ impl Row {
         let (first, last) = (f64::from(run.start), f64::from(run.end));
         // The cell nearest to each, and those before and behind it.
         let nearest = (columns + 0.5).floor();
-        let inner = nearest.simd_gt(first) & nearest.simd_lt(last);
-        let cells = whole(inner.select(nearest, f64x8::simd_from(simd, first + 1.0)));
-        let held = inner.to_bitmask();
+        let held = set(nearest.simd_gt(first)) & set(nearest.simd_lt(last));
         if held == 0 {
             return 0;
         }
+        let inner = mask64x8::from_bitmask(simd, u64::from(held));
+        let cells = whole(inner.select(nearest, f64x8::simd_from(simd, first + 1.0)));
         let mut three = [[0.0; LANES]; 3];
         for l in 0..LANES {
             let near = &self.phase_rad[cells[l] - 1..=cells[l] + 1];
@@ -113,11 +114,11 @@ impl Row {
         let singles = f32x8::simd_from(simd, *phases);
         let phase = widened(simd, singles);
         let (back, on) = (between(phase, before, here), between(phase, here, behind));
-        let (from, to) = (back.select(before, here), back.select(here, behind));
+        let returned = mask64x8::from_bitmask(simd, u64::from(back));
+        let (from, to) = (returned.select(before, here), returned.select(here, behind));
         let [zero, one] = [0.0, 1.0].map(|value| f64x8::simd_from(simd, value));
-        let place = nearest + fraction(simd, phase, from, to) - back.select(one, zero);
-        let near = (place - columns).abs().simd_le(tolerance) & (back | on);
-        let alone = singles.simd_gt(self.alone.above) & singles.simd_lt(self.alone.below);
-        (near.to_bitmask() & alone.to_bitmask() & held) as Bits
+        let place = nearest + fraction(simd, phase, from, to) - returned.select(one, zero);
+        let near = set((place - columns).abs().simd_le(tolerance)) & (back | on);
+        near & held & set32(singles.simd_gt(self.alone.above)) & set32(singles.simd_lt(self.alone.below))
     }
 }

@@ -8,7 +8,7 @@ use super::order::{Group, Order};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
-use super::subpixel_lanes::{Batch, Bits, Found, LANES, bits, depths_beside, step_beside};
+use super::subpixel_lanes::{Batch, Bits, Found, LANES, bits, depths_beside, set, step_beside};
 use super::task::{Hit, Task};
 use crate::math::simd::{vectorised, widened};
 use crate::phase::PhaseView;
@@ -123,8 +123,7 @@ impl Scan<'_> {
         let places = task.right.columns(simd, &wanted, asked & returned);
         let coarse = places.column * self.right_grid.pitch + self.right_grid.x0;
         let disparity = x - coarse;
-        let within = least.simd_le(disparity) & disparity.simd_le(most);
-        let known = places.found & within.to_bitmask() as Bits;
+        let known = places.found & set(least.simd_le(disparity)) & set(disparity.simd_le(most));
         let mut batch = Batch {
             live,
             wanted,

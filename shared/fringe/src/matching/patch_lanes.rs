@@ -2,7 +2,7 @@
 
 use super::patch::{MAX_NOISE, MAX_ROUGHNESS};
 use super::subpixel_lanes::{Bits, LANES};
-use fearless_simd::{Simd, SimdBase, SimdFrom, SimdMask, f32x8};
+use fearless_simd::{Simd, SimdBase, SimdFrom, SimdMask, f32x8, mask32x8};
 
 /// Four lines of samples, four of each pixel after the other.
 pub(super) type Lines = [[f32; 4 * LANES]; 4];
@@ -49,9 +49,15 @@ impl<S: Simd> Patches<S> {
         let residual = (squares - explained) / 10.0;
         let limit = noise * noise + (bx * bx + by * by) * (MAX_ROUGHNESS * MAX_ROUGHNESS) + squares * 1e-6;
         // NaN (a masked sample) fails the comparison.
-        let accepted = residual.simd_le(limit).to_bitmask() as Bits;
+        let accepted = set32(residual.simd_le(limit));
         Self { a: a / 16.0, b: [bx, by], c: [cxx / 16.0, cxy / 25.0, cyy / 16.0], accepted }
     }
+}
+
+/// Those of a comparison that are true, as bits.
+#[inline(always)]
+pub(super) fn set32<S: Simd>(mask: mask32x8<S>) -> Bits {
+    mask.to_bitmask() as Bits
 }
 
 /// Slope of four values, without its divisor.

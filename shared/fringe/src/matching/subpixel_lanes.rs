@@ -123,13 +123,13 @@ pub(super) fn depths_beside<S: Simd>(
     let sigma = (both / (slope * slope)).sqrt();
     let disparity = of(batch.left_x) - of(found.x);
     let share = both.simd_gt(0.0).select(own / both, f64x8::simd_from(simd, 1.0));
-    let within = of(batch.limits[0]).simd_le(disparity) & disparity.simd_le(of(batch.limits[1]));
+    let within = set(of(batch.limits[0]).simd_le(disparity)) & set(disparity.simd_le(of(batch.limits[1])));
     Depths {
         inverse_depth: (disparity / baseline_mm).into(),
         sigma: narrowed(simd, sigma / baseline_mm).into(),
         own_share: narrowed(simd, share).into(),
-        certain: sigma.simd_le(most).to_bitmask() as Bits,
-        within: within.to_bitmask() as Bits,
+        certain: set(sigma.simd_le(most)),
+        within,
     }
 }
 
@@ -224,10 +224,16 @@ fn turned<S: Simd>([by_y, base, by_x]: [[f64; 3]; 3], x: f64x8<S>, y: f64x8<S>) 
     ]
 }
 
+/// Those of a comparison that are true, as bits: to join bits takes no vector.
+#[inline(always)]
+pub(super) fn set<S: Simd>(mask: mask64x8<S>) -> Bits {
+    mask.to_bitmask() as Bits
+}
+
 /// Whether offsets from the centre of a cell lie in it, as [`super::subpixel::inside`] says.
 #[inline(always)]
-fn are_inside<S: Simd>([x, y]: [f64x8<S>; 2]) -> mask64x8<S> {
-    x.abs().simd_le(0.5 + CELL_MARGIN) & y.abs().simd_le(0.5 + CELL_MARGIN)
+fn are_inside<S: Simd>([x, y]: [f64x8<S>; 2]) -> Bits {
+    set(x.abs().simd_le(0.5 + CELL_MARGIN)) & set(y.abs().simd_le(0.5 + CELL_MARGIN))
 }
 
 /// Places from the centres of cells.
@@ -257,20 +263,19 @@ impl<S: Simd> Places<S> {
         let place = self.offset;
         let (width, last) = (right.width as f64, [right.width as f64 - 2.0, right.height as f64 - 2.0]);
         // The whole neighbourhood must lie in the image; NaN fails the comparison.
-        let inner = place[0].simd_ge(1.0)
-            & place[1].simd_ge(1.0)
-            & place[0].simd_lt(last[0])
-            & place[1].simd_lt(last[1]);
+        let low = set(place[0].simd_ge(1.0)) & set(place[1].simd_ge(1.0));
+        let mut held = low & set(place[0].simd_lt(last[0])) & set(place[1].simd_lt(last[1]));
+        let inner = mask64x8::from_bitmask(simd, u64::from(held));
         let one = f64x8::simd_from(simd, 1.0);
         let mut cell = [inner.select(place[0].floor(), one), inner.select(place[1].floor(), one)];
-        let mut held = inner;
         if again {
             let before = [0, 1].map(|axis| f64x8::simd_from(simd, found.cell[axis]));
             let kept = are_inside(off_centre(place, before));
+            held |= kept;
+            let kept = mask64x8::from_bitmask(simd, u64::from(kept));
             cell = [kept.select(before[0], cell[0]), kept.select(before[1], cell[1])];
-            held = kept | inner;
         }
-        found.lost |= !(held.to_bitmask() as Bits);
+        found.lost |= !held;
         self.offset = off_centre(place, cell);
         found.cell = [cell[0].into(), cell[1].into()];
         let first = (cell[1] - 1.0) * width + (cell[0] - 1.0);
@@ -325,11 +330,10 @@ impl<S: Simd> Places<S> {
         let x = of(batch.x) + along * (one - self.stretch * 0.5 * along);
         let end = [self.offset[0] + self.tangent[0] * along, self.offset[1] + self.tangent[1] * along];
         // Whether the step is one that the search may make, and whether it ends the search.
-        let may = along.abs().simd_le(search * 2.0);
-        let ends =
-            along.abs().simd_lt(right.reach) & are_inside(end) & (x - of(batch.coarse)).abs().simd_le(search);
-        found.lost |= !(may.to_bitmask() as Bits & accepted);
-        found.settled = ends.to_bitmask() as Bits & !found.lost;
+        found.lost |= !(set(along.abs().simd_le(search * 2.0)) & accepted);
+        let near_enough = set((x - of(batch.coarse)).abs().simd_le(search));
+        let ends = set(along.abs().simd_lt(right.reach)) & are_inside(end) & near_enough;
+        found.settled = ends & !found.lost;
         let settled = mask64x8::from_bitmask(simd, u64::from(found.settled));
         let width = right.width as f64;
         let pixel = near(simd, of(found.cell[1]) * width + of(found.cell[0]), width, end);

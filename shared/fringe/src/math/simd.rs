@@ -1,8 +1,11 @@
 //! Loops compiled for the vector instructions that the processor has, with the same bits on all of them.
 //!
-//! The loops are plain Rust: sums, products, quotients, square roots and integers, each rounded by itself. Rust fuses or reorders
-//! none of them, so wider vectors change the time and not the result. The functions called must be `#[inline(always)]`:
-//! what is not inlined is compiled for the plainest processor.
+//! The loops are plain Rust, or vectors where the compiler makes single values of a loop: sums, products, quotients, square roots and integers,
+//! each rounded by itself. Neither fuses or reorders them, so wider vectors change the time and not the result. The functions called must be
+//! `#[inline(always)]`: what is not inlined, as a closure may not be, is compiled for the plainest processor.
+//!
+//! What the compiler made single values of, as `callgrind --dump-instr=yes` shows: a choice between two numbers in memory, which it takes for one of
+//! two places; a counter of 64 bits that becomes a number; five windows that overlap, which it shuffles together; long functions.
 
 use fearless_simd::{Level, Simd, SimdBase, f32x8, f64x8};
 

@@ -108,6 +108,18 @@ struct Partial {
     count: f64,
 }
 
+/// The equations of a window of which every sample is there.
+fn whole(half: usize) -> Matrix6<f64> {
+    let power = |n: i32| (1..=half).map(|u| 2.0 * (u as f64).powi(n)).sum::<f64>();
+    let (side, square) = ((2 * half + 1) as f64, power(2));
+    let (line, quartic, cross) = (side * square, side * power(4), square * square);
+    let mut normal = Matrix6::from_diagonal(&Vector6::new(side * side, line, line, quartic, cross, quartic));
+    for (i, j, sum) in [(0, 3, line), (0, 5, line), (3, 5, cross)] {
+        (normal[(i, j)], normal[(j, i)]) = (sum, sum);
+    }
+    normal
+}
+
 impl Partial {
     /// The samples on the surface of the middle one; `None` where another surface or more than gaps lies in the window.
     fn gather(
@@ -118,24 +130,25 @@ impl Partial {
         link: Link,
     ) -> Option<Self> {
         let centre = &samples.at(pixel);
-        let mut sums = Self { normal: Matrix6::zeros(), moments: Vector6::zeros(), squares: 0.0, count: 0.0 };
+        let mut sums = Self { normal: whole(half), moments: Vector6::zeros(), squares: 0.0, count: 0.0 };
         for v in -(half as isize)..=half as isize {
             for u in -(half as isize)..=half as isize {
                 let at = (pixel as isize + v * width as isize + u) as usize;
                 let sample = &samples.at(at);
+                let (x, y) = (u as f64, v as f64);
+                let terms = Vector6::new(1.0, x, y, x * x, x * y, y * y);
                 if !sample.inverse_depth.is_finite() {
                     if gaps[at] == 0 {
                         return None;
                     }
+                    // Whole numbers: their sums are exact in any order.
+                    sums.normal -= terms * terms.transpose();
                     continue;
                 }
                 if !link.joins(centre, sample, u.unsigned_abs().max(v.unsigned_abs())) {
                     return None;
                 }
-                let (u, v) = (u as f64, v as f64);
-                let terms = Vector6::new(1.0, u, v, u * u, u * v, v * v);
                 let difference = sample.inverse_depth - centre.inverse_depth;
-                sums.normal += terms * terms.transpose();
                 sums.moments += terms * difference;
                 sums.squares += difference * difference;
                 sums.count += 1.0;
