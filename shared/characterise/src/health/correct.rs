@@ -46,7 +46,7 @@ pub struct LengthReading {
     pub error_mm: f64,
     /// Standard uncertainty of this difference, mm.
     pub u_mm: f64,
-    /// Certified length, mm.
+    /// Certified length of the standard, mm.
     pub certified_mm: f64,
     /// Derivatives of the measured length by rotations (rad), shifts (mm) and relative focal length.
     pub by: [f64; UNKNOWNS],

@@ -24,7 +24,7 @@ pub struct ThreeViews {
     pub device: usize,
     /// Number of the projector's device.
     pub projector: usize,
-    /// Places used.
+    /// Number of places that were used.
     pub used: usize,
     /// χ² of a drift that only these places show.
     pub chi2: f64,
