@@ -84,15 +84,9 @@ impl Single {
     fn orders(&self, lanes: &mut Lanes, out: &mut Planes) {
         let count = out.state.len();
         for first in (0..count).step_by(SIDE) {
+            let group = self.group(lanes, first);
             let width = SIDE.min(count - first);
             let states = filled(out.state, first, width, state::INVALID);
-            if states == [state::INVALID; SIDE] {
-                lanes.look[first..first + SIDE].fill(0);
-                out.phase_rad[first..first + width].fill(f32::NAN);
-                out.sigma_rad[first..first + width].fill(f32::NAN);
-                continue;
-            }
-            let group = self.group(lanes, first);
             let sigma = filled(out.sigma_rad, first, width, 0.0);
             let decided = group.decided(self, &states, &sigma);
             lanes.look[first..first + SIDE].copy_from_slice(&decided.look);
