@@ -27,8 +27,10 @@ impl Extent {
         let mut extent = Self::default();
         for point in points.iter().filter(|p| is_finite(p)) {
             for (axis, value) in point.position_mm.into_iter().enumerate() {
-                extent.low_mm[axis] = extent.low_mm[axis].min(value);
-                extent.high_mm[axis] = extent.high_mm[axis].max(value);
+                // Plain comparisons, since all are numbers.
+                let (low, high) = (&mut extent.low_mm[axis], &mut extent.high_mm[axis]);
+                *low = if value < *low { value } else { *low };
+                *high = if value > *high { value } else { *high };
             }
         }
         extent

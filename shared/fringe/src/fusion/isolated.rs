@@ -9,20 +9,28 @@ use std::ops::Range;
 /// So many points before and behind a point in the list are looked at before the grid is asked.
 const BESIDE: usize = 4;
 
-/// Whether a point has so many others beside it in the list: its neighbours along the image row, as a rule.
-pub(super) fn has_beside(cloud: &[Point], index: usize, limit_mm2: f64, wanted: u32) -> bool {
-    let place = &cloud[index].position_mm;
-    let near = |other: usize| {
-        cloud.get(other).map_or(0, |o| u32::from(distance2(&o.position_mm, place) <= limit_mm2))
+/// Marks points that have so many others beside them in the list: their neighbours along the image row, as a rule. `keep`: a mark for each of
+/// the points from `first` on.
+pub(super) fn mark_beside(cloud: &[Point], first: usize, limit_mm2: f64, wanted: u32, keep: &mut [bool]) {
+    let near = |index: usize, step: usize| {
+        let both = cloud.get(index).zip(cloud.get(index.wrapping_add(step)));
+        both.map_or(0, |(a, b)| u32::from(distance2(&a.position_mm, &b.position_mm) <= limit_mm2))
     };
-    let mut count = 0;
-    for step in 1..=BESIDE {
-        if count >= wanted {
-            break;
+    // Both ends of a distance use it: of the nearest and the next but one it is kept.
+    let before = |step: usize| near(first.wrapping_sub(step), step);
+    let (mut nearest, mut next) = (before(1), [before(2), near(first.wrapping_sub(1), 2)]);
+    for (index, keep) in (first..).zip(keep) {
+        let ahead = [near(index, 1), near(index, 2)];
+        let mut count = nearest + next[0] + ahead[0] + ahead[1];
+        (nearest, next) = (ahead[0], [next[1], ahead[1]]);
+        for step in 3..=BESIDE {
+            if count >= wanted {
+                break;
+            }
+            count += near(index.wrapping_sub(step), step) + near(index, step);
         }
-        count += near(index.wrapping_sub(step)) + near(index + step);
+        *keep = count >= wanted && is_finite(&cloud[index]);
     }
-    count >= wanted && is_finite(&cloud[index])
 }
 
 /// Whether a point has so many others, of any cloud, around it; its own cloud is asked first.

@@ -30,7 +30,7 @@ use buffers::clear_and_reserve;
 use cells::{Cells, Found, distance2};
 use disagreement::{Compared, Comparison, Raised};
 use grid::{Extent, Grid, is_finite};
-use isolated::{has_around, has_beside};
+use isolated::{has_around, mark_beside};
 use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
@@ -246,9 +246,7 @@ impl Fuser {
         self.keep.resize(count(clouds), false);
         for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
             piece.extent = Extent::of(piece.points(clouds));
-            for (index, keep) in (piece.first..piece.end).zip(keep) {
-                *keep = has_beside(clouds[piece.cloud], index, limit, min_neighbours);
-            }
+            mark_beside(clouds[piece.cloud], piece.first, limit, min_neighbours, keep);
         });
         self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent))
     }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::adjust::{Adjusted, Model, singular};
 use super::cells::Cubes;
 use super::correlation::estimate;
+use super::solve::deviations;
 use super::{Correlation, FitError, FitSettings};
 
 /// Fewest cells for the sandwich estimator: with G cells its own relative error is about 1/√(2 G).
@@ -82,9 +83,9 @@ fn trimming_shrink<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     rows_a_point: f64,
 ) -> f64 {
-    let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
-    let limit = sizes.iter().copied().fold(0.0, f64::max);
-    let near = sizes.iter().filter(|s| **s > 0.9 * limit).count();
+    let deviations = deviations(model, points);
+    let limit = deviations.iter().fold(0.0, |limit: f64, d| limit.max(d.abs()));
+    let near = deviations.iter().filter(|d| d.abs() > 0.9 * limit).count();
     // Below one half the count would mean that most points are at the limit, which no noise distribution gives.
     (1.0 - near as f64 / 0.1 / (rows_a_point * points.len().max(1) as f64)).max(0.5)
 }

@@ -11,27 +11,22 @@
 //! Residuals hide a part of the noise, the one that the fit followed: cov(r) ≈ C − J V Jᵀ, V the covariance sought. It
 //! is added back, by fixed-point iteration, which also replaces the factors for few points.
 
+use fearless_simd::{Level, dispatch};
 use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 use super::adjust::Model;
 use super::cells::Cubes;
-use fringe::math::statistics::median;
+use super::correlogram::Correlogram;
 
 /// Most cells: half a million pairs, some four milliseconds. Finer cells stated the same uncertainties on a hundred
 /// scans.
 const MOST_CELLS: usize = 1000;
 
 /// Residuals a point may have (two for curves in space).
-const MOST_ROWS: usize = 2;
-
-/// Noise correlated over more than this part of the extent cannot be separated from form.
-const REACH_SHARE: f64 = 1.0 / 3.0;
+pub(super) const MOST_ROWS: usize = 2;
 
 /// Rounds of adding back what the fit followed: each leaves the followed share (a tenth, say) of the error before.
 const ROUNDS: usize = 8;
-
-/// Bins that are summed at first.
-const FIRST_BINS: usize = 4;
 
 /// A bin counts while its covariance exceeds this many of its standard deviations. Measured on caps with noise of known
 /// range: 0 states 3 % too much without correlation, 2 cuts 4 % of the uncertainty off with it.
@@ -42,29 +37,17 @@ const SIGNIFICANT: f64 = 1.0;
 const RUNAWAY: f64 = 4.0;
 
 /// Sums over the points of a cell.
-struct Cell<const P: usize> {
-    position: Vector3<f64>,
-    count: f64,
+pub(super) struct Cell<const P: usize> {
+    pub position: Vector3<f64>,
+    pub count: f64,
     /// Σ r of each row.
-    residual: [f64; MOST_ROWS],
+    pub residual: [f64; MOST_ROWS],
     /// Σ J of each row.
-    derivatives: [SVector<f64, P>; MOST_ROWS],
+    pub derivatives: [SVector<f64, P>; MOST_ROWS],
     /// Σ J r over all rows.
-    score: SVector<f64, P>,
+    pub score: SVector<f64, P>,
     /// Σ J Jᵀ over all rows.
-    information: SMatrix<f64, P, P>,
-}
-
-/// Pairs of cells of about one distance.
-struct Bin<const P: usize> {
-    /// Sum of products of scores, Σ S S′.
-    product: f64,
-    /// Sum of squared products of scores, Σ (S S′)².
-    square: f64,
-    /// Number of pairs of points, Σ n n′.
-    pairs: f64,
-    /// Sum of products of derivatives, Σ J J′ᵀ.
-    derivatives: SMatrix<f64, P, P>,
+    pub information: SMatrix<f64, P, P>,
 }
 
 /// The middle matrix of the sandwich applied: covariance, number of cells, reach of the correlation.
@@ -80,17 +63,33 @@ pub(super) fn estimate<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     inverse: &SMatrix<f64, P, P>,
 ) -> Estimate<P> {
-    estimate_rows(points, &|index, mut add| model.rows(&points[index], &mut add), inverse)
+    estimate_rows(points, &OfModel { model, points }, inverse)
 }
 
-/// Gives the residuals of a point, by its index, with their derivatives.
-type Rows<'a, const P: usize> = &'a dyn Fn(usize, &mut dyn FnMut(f64, &SVector<f64, P>));
+/// Residuals of points, by their index, with their derivatives. To be inlined: what is not, is compiled for the plainest processor.
+pub(crate) trait Rows<const P: usize> {
+    /// Calls `add` with each residual of a point.
+    fn rows(&self, index: usize, add: &mut impl FnMut(f64, &SVector<f64, P>));
+}
+
+/// Those of the points of a model.
+struct OfModel<'a, M> {
+    model: &'a M,
+    points: &'a [Vector3<f64>],
+}
+
+impl<M: Model<P>, const P: usize> Rows<P> for OfModel<'_, M> {
+    #[inline(always)]
+    fn rows(&self, index: usize, add: &mut impl FnMut(f64, &SVector<f64, P>)) {
+        self.model.rows(&self.points[index], add);
+    }
+}
 
 /// Estimates the covariance of parameters from the residuals of points; `inverse` is A⁻¹. Parameters that are held fixed
 /// have zero derivatives, and zeros in `inverse`.
 pub(crate) fn estimate_rows<const P: usize>(
     points: &[Vector3<f64>],
-    rows: Rows<'_, P>,
+    rows: &impl Rows<P>,
     inverse: &SMatrix<f64, P, P>,
 ) -> Estimate<P> {
     let cells = gather(rows, points);
@@ -167,9 +166,10 @@ fn admissible<const P: usize>(within: &SMatrix<f64, P, P>, all: &SMatrix<f64, P,
 }
 
 /// Sums the points into cells; few points are a cell each.
-fn gather<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>]) -> Vec<Cell<P>> {
+fn gather<const P: usize>(rows: &impl Rows<P>, points: &[Vector3<f64>]) -> Vec<Cell<P>> {
+    let level = Level::new();
     if points.len() <= MOST_CELLS {
-        return (0..points.len() as u32).map(|index| cell(rows, points, &[(0, index)])).collect();
+        return (0..points.len() as u32).map(|index| cell_with(level, rows, points, &[(0, index)])).collect();
     }
     let cubes = Cubes::new(points);
     let extent_mm = cubes.extent_mm();
@@ -189,12 +189,23 @@ fn gather<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>]) -> Vec<Cel
     }
     let keyed = cubes.members(edge_mm);
     let mut cells = Vec::with_capacity(MOST_CELLS);
-    cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(rows, points, members)));
+    cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell_with(level, rows, points, members)));
     cells
 }
 
+/// As [`cell`] with given instructions, which change no bit.
+fn cell_with<const P: usize>(
+    level: Level,
+    rows: &impl Rows<P>,
+    points: &[Vector3<f64>],
+    members: &[(u64, u32)],
+) -> Cell<P> {
+    dispatch!(level, _simd => cell(rows, points, members))
+}
+
 /// Sums over one cell.
-fn cell<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>], members: &[(u64, u32)]) -> Cell<P> {
+#[inline(always)]
+fn cell<const P: usize>(rows: &impl Rows<P>, points: &[Vector3<f64>], members: &[(u64, u32)]) -> Cell<P> {
     let mut sums = Cell {
         position: Vector3::zeros(),
         count: members.len() as f64,
@@ -205,174 +216,23 @@ fn cell<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>], members: &[(
     };
     for (_, index) in members {
         sums.position += points[*index as usize];
-        let mut row = 0;
-        rows(*index as usize, &mut |residual, derivatives| {
+        let mut found = [(0.0, SVector::<f64, P>::zeros()); MOST_ROWS];
+        let mut count = 0;
+        rows.rows(*index as usize, &mut |residual, derivatives| {
+            found[count] = (residual, *derivatives);
+            count += 1;
+        });
+        for (row, (residual, derivatives)) in found[..count].iter().enumerate() {
             sums.residual[row] += residual;
             sums.derivatives[row] += derivatives;
-            sums.score += derivatives * residual;
+            sums.score += derivatives * *residual;
             for column in 0..P {
                 for line in 0..P {
                     sums.information[(line, column)] += derivatives[line] * derivatives[column];
                 }
             }
-            row += 1;
-        });
+        }
     }
     sums.position /= sums.count;
     sums
-}
-
-/// Largest edge of the bounding box, mm.
-fn extent_mm(points: &[Vector3<f64>]) -> f64 {
-    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-    (high - low).max()
-}
-
-/// Pairs of cells by their distance, in bins as wide as neighbours are apart (median). Bins are summed as far out as they are
-/// asked for: pairs grow with the square of their distance, and noise seldom reaches over more than some cells.
-struct Correlogram<'a, const P: usize> {
-    cells: &'a [Cell<P>],
-    /// Residuals of a point: curves have two, surfaces one.
-    rows: usize,
-    /// The lowest first coordinate of a cell and of those behind it, mm.
-    lowest_later: Vec<f64>,
-    width_mm: f64,
-    /// Bins up to where noise can be told from form.
-    most: usize,
-    bins: Vec<Bin<P>>,
-}
-
-impl<'a, const P: usize> Correlogram<'a, P> {
-    fn new(cells: &'a [Cell<P>]) -> Self {
-        let positions: Vec<Vector3<f64>> = cells.iter().map(|c| c.position).collect();
-        let reach_mm = REACH_SHARE * extent_mm(&positions);
-        // No more bins than cells: neighbours that coincide would need infinitely many.
-        let width_mm = spacing_mm(&positions).max(reach_mm / cells.len().max(1) as f64);
-        let most = if width_mm > 0.0 { (reach_mm / width_mm) as usize + 1 } else { 0 };
-        let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
-        // Cells come in the order of their first coordinate, but for the places within them.
-        let mut lowest_later: Vec<f64> = positions.iter().map(|p| p.x).collect();
-        for index in (1..lowest_later.len()).rev() {
-            lowest_later[index - 1] = lowest_later[index - 1].min(lowest_later[index]);
-        }
-        Self {
-            cells,
-            rows: 1 + usize::from(curves),
-            lowest_later,
-            width_mm: width_mm.max(0.0),
-            most,
-            bins: Vec::with_capacity(most),
-        }
-    }
-
-    /// The bin of a number; `None` beyond the last one.
-    fn bin(&mut self, index: usize) -> Option<&Bin<P>> {
-        if index == self.bins.len() && index < self.most {
-            self.sum_up_to(self.most.min(FIRST_BINS.max(2 * index)));
-        }
-        self.bins.get(index)
-    }
-
-    /// Sums the pairs of the bins from those that are there up to a number of them.
-    fn sum_up_to(&mut self, count: usize) {
-        let before = self.bins.len();
-        let empty = || Bin { product: 0.0, square: 0.0, pairs: 0.0, derivatives: SMatrix::zeros() };
-        self.bins.resize_with(count, empty);
-        // A little farther, for rounding may put a pair at the border into the bin before it.
-        let far = (self.width_mm * count as f64).powi(2) * (1.0 + 1e-9);
-        for (index, first) in self.cells.iter().enumerate() {
-            let reached = self.lowest_later[index + 1..].partition_point(|x| {
-                let along = x - first.position.x;
-                along <= 0.0 || along * along < far
-            });
-            for second in &self.cells[index + 1..index + 1 + reached] {
-                let square = (first.position - second.position).norm_squared();
-                if square >= far {
-                    continue;
-                }
-                let number = (square.sqrt() / self.width_mm) as usize;
-                if let Some(bin) = self.bins[before..].get_mut(number.wrapping_sub(before)) {
-                    add_pair(bin, first, second, self.rows);
-                }
-            }
-        }
-    }
-}
-
-/// Adds a pair of cells to a bin.
-fn add_pair<const P: usize>(bin: &mut Bin<P>, first: &Cell<P>, second: &Cell<P>, rows: usize) {
-    let mut both = 0.0;
-    for row in 0..rows {
-        both += first.residual[row] * second.residual[row];
-        for column in 0..P {
-            let other = second.derivatives[row][column];
-            for line in 0..P {
-                bin.derivatives[(line, column)] += first.derivatives[row][line] * other;
-            }
-        }
-    }
-    bin.product += both;
-    bin.square += both * both;
-    bin.pairs += first.count * second.count;
-}
-
-/// Median distance of a position to its nearest neighbour, mm.
-fn spacing_mm(positions: &[Vector3<f64>]) -> f64 {
-    // Along the longest axis: what lies farther along it than the nearest so far lies farther.
-    let axis = (Cubes::new(positions).extent()).imax();
-    let mut sorted = positions.to_vec();
-    sorted.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
-    let nearest_of = |index: usize| {
-        let here = &sorted[index];
-        let mut nearest = f64::INFINITY;
-        let mut walk = |other: &Vector3<f64>| {
-            let along = other[axis] - here[axis];
-            if along * along >= nearest {
-                return false;
-            }
-            nearest = nearest.min((here - other).norm_squared());
-            true
-        };
-        let _ended = sorted[index + 1..].iter().all(&mut walk);
-        let _ended = sorted[..index].iter().rev().all(&mut walk);
-        nearest
-    };
-    let mut nearest: Vec<f64> = (0..sorted.len()).map(nearest_of).collect();
-    if nearest.len() < 2 {
-        return 0.0;
-    }
-    median(&mut nearest).map_or(0.0, f64::sqrt)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn bins_asked_for_one_by_one_are_those_summed_at_once(
-            places in proptest::collection::vec((0_i32..40, 0_i32..40, -9_i32..9), 2..300)
-        ) {
-            // Whole numbers put pairs on the borders of bins.
-            let cells: Vec<Cell<1>> = places.iter().map(|(x, y, residual)| Cell {
-                position: Vector3::new(f64::from(*x), f64::from(*y), 0.0),
-                count: 1.0,
-                residual: [f64::from(*residual) * 0.1, 0.0],
-                derivatives: [SVector::repeat(1.0), SVector::zeros()],
-                score: SVector::repeat(f64::from(*residual) * 0.1),
-                information: SMatrix::repeat(1.0),
-            }).collect();
-            let (mut one_by_one, mut at_once) = (Correlogram::new(&cells), Correlogram::new(&cells));
-            at_once.sum_up_to(at_once.most);
-            for (index, expected) in at_once.bins.iter().enumerate() {
-                let bin = one_by_one.bin(index).expect("as many bins");
-                prop_assert_eq!(bin.product.to_bits(), expected.product.to_bits());
-                prop_assert_eq!(bin.square.to_bits(), expected.square.to_bits());
-                prop_assert_eq!((bin.pairs, bin.derivatives), (expected.pairs, expected.derivatives));
-            }
-            prop_assert!(one_by_one.bin(at_once.bins.len()).is_none());
-        }
-    }
 }

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::centred::{BRANCH, tree};
 
+/// Standard deviations from the mean beyond which the twentieth of a side is looked for: of normal ones a twelfth lies there.
+const FAR: f64 = 1.4;
+
 /// Form deviation of the points used, each statistic with its definition in its name.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Form {
@@ -31,7 +34,13 @@ pub struct Residuals {
 /// The values that are marked. One allocation: a cell measures at every cycle, and growing lists cost it ten each.
 pub(super) fn marked<T: Copy>(values: &[T], marks: &[bool]) -> Vec<T> {
     let mut chosen = Vec::with_capacity(values.len());
-    chosen.extend(values.iter().zip(marks).filter(|(_, marked)| **marked).map(|(value, _)| *value));
+    let mut start = 0;
+    // As a rule few are left out: what lies between two of them is copied as a whole.
+    for (end, _) in marks.iter().enumerate().filter(|(_, marked)| !**marked) {
+        chosen.extend_from_slice(&values[start..end]);
+        start = end + 1;
+    }
+    chosen.extend_from_slice(&values[start..]);
     chosen
 }
 
@@ -50,7 +59,7 @@ impl Residuals {
         let points = sorted.len();
         let mean = sum(&sorted, |r| r) / points.max(1) as f64;
         let variance = sum(&sorted, |r| (r - mean) * (r - mean)) / points.saturating_sub(1).max(1) as f64;
-        let [range_mm, d95_mm] = widths(&mut sorted);
+        let [range_mm, d95_mm] = widths(&mut sorted, mean, variance.sqrt());
         Form {
             points,
             rejected: self.used.len() - points,
@@ -78,10 +87,13 @@ fn sort_both(low: &mut [f64], high: &mut [f64]) {
 }
 
 /// Width of the interval that holds all values, and of the narrowest one that holds ⌈0.95 n⌉ of n values. Only the lowest and the
-/// highest twentieth, where intervals begin and end, are sorted.
-fn widths(values: &mut [f64]) -> [f64; 2] {
+/// highest twentieth, where intervals begin and end, are sorted. Mean and standard deviation tell where to look for them.
+fn widths(values: &mut [f64], mean: f64, sigma: f64) -> [f64; 2] {
     let held = (95 * values.len()).div_ceil(100);
     let Some(begins) = values.len().checked_sub(held).filter(|_| held > 0) else { return [0.0; 2] };
+    if let Some((low, high)) = tails(values, begins + 1, mean, sigma) {
+        return between_ends(&low, &high);
+    }
     if begins + 1 < held - 1 {
         values.select_nth_unstable_by(begins, f64::total_cmp);
         values[begins + 1..].select_nth_unstable_by(held - 2 - begins, f64::total_cmp);
@@ -90,9 +102,32 @@ fn widths(values: &mut [f64]) -> [f64; 2] {
     } else {
         values.sort_unstable_by(f64::total_cmp);
     }
-    let ends = &values[held - 1..];
-    let narrowest = values.iter().zip(ends).map(|(low, high)| high - low).fold(f64::INFINITY, f64::min);
-    [values[values.len() - 1] - values[0], narrowest]
+    between_ends(&values[..=begins], &values[held - 1..])
+}
+
+/// Width of all values, and the least difference of an end and its beginning; both sorted, one end for each beginning.
+fn between_ends(begins: &[f64], ends: &[f64]) -> [f64; 2] {
+    let narrowest = begins.iter().zip(ends).map(|(low, high)| high - low).fold(f64::INFINITY, f64::min);
+    [ends[ends.len() - 1] - begins[0], narrowest]
+}
+
+/// So many of the lowest values, and of the highest, sorted; `None` where too few lie far from the mean.
+fn tails(values: &[f64], count: usize, mean: f64, sigma: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let [below, above] = [mean - FAR * sigma, mean + FAR * sigma];
+    let room = || Vec::with_capacity(values.len() / 8);
+    let (mut low, mut high) = (room(), room());
+    low.extend(values.iter().filter(|v| **v < below));
+    high.extend(values.iter().filter(|v| **v > above));
+    if low.len().min(high.len()) < count {
+        return None;
+    }
+    low.select_nth_unstable_by(count - 1, f64::total_cmp);
+    low.truncate(count);
+    let others = high.len() - count;
+    high.select_nth_unstable_by(others, f64::total_cmp);
+    high.drain(..others);
+    sort_both(&mut low, &mut high);
+    Some((low, high))
 }
 
 #[cfg(test)]
@@ -115,19 +150,40 @@ mod tests {
         assert!((form.form_sigma_mm - (squares / 19.0).sqrt()).abs() < 1e-12);
     }
 
-    /// Proves: sorting both ends alone gives the widths of sorting all, for every number of values.
+    /// Proves: sorting both ends alone gives the widths of sorting all, for every number of values, whether they lie far from the mean or
+    /// not, and among equals.
     #[test]
     fn both_ends_suffice_for_the_widths() {
         let mut noise = Noise(3);
         for count in (1_usize..90).chain([1000, 1001, 1019]) {
-            let mut values: Vec<f64> = (0..count).map(|_| noise.normal()).collect();
-            let mut sorted = values.clone();
-            sorted.sort_unstable_by(f64::total_cmp);
-            let held = (95 * count).div_ceil(100);
-            let narrowest = sorted.windows(held).map(|w| w[held - 1] - w[0]).fold(f64::INFINITY, f64::min);
-            assert_eq!(widths(&mut values), [sorted[count - 1] - sorted[0], narrowest], "{count} values");
+            let gauss: Vec<f64> = (0..count).map(|_| noise.normal()).collect();
+            let stepped = gauss.iter().map(|v| v.round()).collect();
+            let one_sided = gauss.iter().map(|v| v.abs()).collect();
+            let two = (0..count).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+            for values in [gauss, stepped, one_sided, two] {
+                let mut sorted = values.clone();
+                sorted.sort_unstable_by(f64::total_cmp);
+                let held = (95 * count).div_ceil(100);
+                let narrowest =
+                    sorted.windows(held).map(|w| w[held - 1] - w[0]).fold(f64::INFINITY, f64::min);
+                let form = Residuals { used: vec![true; count], deviation_mm: values }.form();
+                let widths = [form.form_range_mm, form.form_d95_mm];
+                assert_eq!(widths, [sorted[count - 1] - sorted[0], narrowest], "{count} values");
+            }
         }
-        assert_eq!(widths(&mut []), [0.0; 2]);
+        assert_eq!(widths(&mut [], 0.0, 0.0), [0.0; 2]);
+    }
+
+    /// Proves: what is marked is copied, wherever the gaps lie.
+    #[test]
+    fn marked_values_are_those_marked_one_by_one() {
+        let mut noise = Noise(5);
+        for count in 0..70 {
+            let marks: Vec<bool> = (0..count).map(|_| noise.uniform() < 0.7).collect();
+            let expected: Vec<usize> = (0..count).filter(|i| marks[*i]).collect();
+            let values: Vec<usize> = (0..count).collect();
+            assert_eq!(marked(&values, &marks), expected);
+        }
     }
 
     #[test]

@@ -20,6 +20,7 @@ mod cluster;
 mod cone;
 mod contour;
 mod correlation;
+mod correlogram;
 mod cylinder;
 mod derived;
 mod elimination;
@@ -49,7 +50,7 @@ pub(crate) use cluster::FEWEST_CELLS;
 pub use cluster::Support;
 pub use cone::{ConeFit, cone};
 pub use contour::{ContourFit, Sheet, contour, strip_minimum_zone_mm};
-pub(crate) use correlation::estimate_rows;
+pub(crate) use correlation::{Rows, estimate_rows};
 pub use cylinder::{CylinderFit, cylinder};
 pub use derived::{
     Derived, DirectionAngles, centre_distance_mm, direction_angles, height_mm, plane_angle_rad,

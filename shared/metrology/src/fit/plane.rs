@@ -180,6 +180,7 @@ pub(super) struct Plane {
 }
 
 impl Model<3> for Plane {
+    #[inline(always)]
     fn deviation(&self, point: &Vector3<f64>) -> f64 {
         self.normal.dot(point) - self.offset
     }

@@ -1,5 +1,6 @@
 //! From points to a fitted model: check, centre, start, adjust, reject, covariance.
 
+use fearless_simd::{Level, dispatch};
 use nalgebra::{Point3, SMatrix, Vector3};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -56,8 +57,9 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
     let mut chosen = Cow::Borrowed(&centred.points[..]);
     // Which points go hardly changes with the last digits of the model: they are sought when the same ones go again.
     let rounds = if rejected > 0 { MAX_REJECT_ROUNDS } else { 0 };
+    let mut sizes = Vec::new();
     for _ in 0..rounds {
-        let next = without_largest(&adjusted.model, &centred.points, rejected);
+        let next = without_largest(&adjusted.model, &centred.points, rejected, &mut sizes);
         if next == used {
             if until == Until::Settled {
                 break;
@@ -100,7 +102,29 @@ fn finish<M: Model<P>, const P: usize>(
 
 /// Signed distance of each point, mm.
 pub(super) fn deviations<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Vec<f64> {
-    points.par_iter().with_min_len(BRANCH).map(|p| model.deviation(p)).collect()
+    let mut deviations = Vec::new();
+    deviations_into(model, points, &mut deviations);
+    deviations
+}
+
+/// Signed distance of each point, mm, into a list that is used again and again.
+fn deviations_into<M: Model<P>, const P: usize>(
+    model: &M,
+    points: &[Vector3<f64>],
+    deviations: &mut Vec<f64>,
+) {
+    deviations.resize(points.len(), 0.0);
+    let level = Level::new();
+    let chunks = deviations.par_chunks_mut(BRANCH).zip(points.par_chunks(BRANCH));
+    chunks.for_each(|(deviations, points)| dispatch!(level, _simd => fill(model, points, deviations)));
+}
+
+/// Writes the signed distance of each point, mm.
+#[inline(always)]
+fn fill<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], deviations: &mut [f64]) {
+    for (deviation, point) in deviations.iter_mut().zip(points) {
+        *deviation = model.deviation(point);
+    }
 }
 
 /// Checks that the settings are within their limits.
@@ -120,14 +144,15 @@ fn check(settings: &FitSettings) -> Result<(), FitError> {
     }
 }
 
-/// Marks all points but the `rejected` ones of largest |deviation|; of equal ones the later point goes.
+/// Marks all points but the `rejected` ones of largest |deviation|; of equal ones the later point goes. `sizes`: memory.
 fn without_largest<M: Model<P>, const P: usize>(
     model: &M,
     points: &[Vector3<f64>],
     rejected: usize,
+    sizes: &mut Vec<f64>,
 ) -> Vec<bool> {
-    let mut sizes = deviations(model, points);
-    for size in &mut sizes {
+    deviations_into(model, points, sizes);
+    for size in sizes.iter_mut() {
         *size = size.abs();
     }
     let mut used = vec![true; points.len()];
@@ -174,7 +199,7 @@ mod tests {
             for rejected in [0, 1, 3, 50, 400, 1000] {
                 let mut order: Vec<usize> = (0..1000).collect();
                 order.sort_by(|a, b| heights[*a].abs().total_cmp(&heights[*b].abs()).then(a.cmp(b)));
-                let used = without_largest(&model, &points, rejected);
+                let used = without_largest(&model, &points, rejected, &mut Vec::new());
                 let left_out = order.iter().skip(1000 - rejected);
                 assert!(left_out.clone().all(|i| !used[*i]), "{rejected} rejected");
                 assert_eq!(used.iter().filter(|used| !**used).count(), rejected);

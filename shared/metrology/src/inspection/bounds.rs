@@ -9,12 +9,6 @@ pub(super) struct Bounds {
     high: Vector3<f64>,
 }
 
-impl Default for Bounds {
-    fn default() -> Self {
-        Self { low: Vector3::repeat(f64::INFINITY), high: Vector3::repeat(f64::NEG_INFINITY) }
-    }
-}
-
 impl Bounds {
     /// About a centre; a little wider than asked for, so that rounding leaves nothing out.
     pub fn about(center: &Vector3<f64>, half: &Vector3<f64>) -> Self {
@@ -22,14 +16,9 @@ impl Bounds {
         Self { low: center - half, high: center + half }
     }
 
-    /// Takes a position in. One that is no number is in no region either.
-    #[inline]
-    pub fn add(&mut self, position: &Vector3<f64>) {
-        for axis in 0..3 {
-            let value = position[axis];
-            self.low[axis] = if value < self.low[axis] { value } else { self.low[axis] };
-            self.high[axis] = if value > self.high[axis] { value } else { self.high[axis] };
-        }
+    /// From the lowest to the highest coordinates.
+    pub fn between(low: Vector3<f64>, high: Vector3<f64>) -> Self {
+        Self { low, high }
     }
 
     /// Whether nothing is in both.

@@ -138,8 +138,8 @@ pub(super) fn measure(
     }
     let chosen = choose(element, &region, samples, element.min_points)?;
     let given = positions(samples, &chosen);
-    let (found, behind) =
-        associated(element, given, fit(element, &positions(samples, &chosen), correlation)?, correlation)?;
+    let fitted = fit(element, &given, correlation)?;
+    let (found, behind) = associated(element, given, fitted, correlation)?;
     check(element, &found)?;
     if !found.is_finite() {
         let source = FitError::Degenerate { element: element.geometry.kind(), why: NOT_FINITE };

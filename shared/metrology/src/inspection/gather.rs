@@ -12,8 +12,8 @@ use fringe::geometry::pose::Pose;
 /// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
 const PARTS: usize = 8;
 
-/// Initial capacity of a region's list of points: small lists would grow a dozen times in every cycle.
-const GATHERED: usize = 4096;
+/// Points that a thread writes at least.
+const WRITTEN: usize = 8192;
 
 /// A point of the cloud in the part frame.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +26,16 @@ pub(super) struct Sample {
 }
 
 impl Sample {
+    /// A point of the cloud by its number.
+    fn new(index: u32, point: &Point, part_from_world: &Pose) -> Self {
+        Self {
+            index,
+            sigma_mm: point.sigma_mm,
+            position: part_from_world.point(&Vector3::from(point.position_mm)),
+            normal: part_from_world.rotation * point.normal_vector(),
+        }
+    }
+
     /// The same in another frame.
     pub fn moved(&self, motion: &Pose) -> Self {
         Self {
@@ -42,44 +52,44 @@ pub(super) fn gather(cloud: &[Point], part_from_world: &Pose, regions: &[Region]
     let bounds: Vec<Option<Bounds>> = regions.iter().map(Region::bounds).collect();
     // The parts are cut by the length of the cloud alone, so their order is that of the cloud on any number of threads.
     let length = cloud.len().div_ceil(PARTS).max(1);
-    let part = |number: usize| {
-        let mut lists: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::new()).collect();
-        let range = (number * length).min(cloud.len())..((number + 1) * length).min(cloud.len());
-        let mut stretch = Stretch::new();
-        for first in range.clone().step_by(STRETCH) {
-            let points = &cloud[first..(first + STRETCH).min(range.end)];
-            stretch.fill(points.iter().map(|point| Vector3::from(point.position_mm)));
-            stretch.transform(part_from_world);
-            let about = stretch.bounds();
-            for ((region, bounds), list) in regions.iter().zip(&bounds).zip(&mut lists) {
-                if bounds.as_ref().is_some_and(|bounds| bounds.misses(&about)) {
-                    continue;
-                }
-                let mut held = stretch.held(region);
-                if held != 0 && list.is_empty() {
-                    list.reserve(GATHERED);
-                }
-                while held != 0 {
-                    let number = held.trailing_zeros() as usize;
-                    held &= held - 1;
-                    list.push(Sample {
-                        index: (first + number) as u32,
-                        sigma_mm: points[number].sigma_mm,
-                        position: stretch.position(number),
-                        normal: part_from_world.rotation * points[number].normal_vector(),
-                    });
-                }
+    let part = |(number, points): (usize, &[Point])| {
+        numbers(number * length, points, part_from_world, (regions, &bounds))
+    };
+    let parts: Vec<Vec<Vec<u32>>> = cloud.par_chunks(length).enumerate().map(part).collect();
+    let sample = |index: &u32| Sample::new(*index, &cloud[*index as usize], part_from_world);
+    let samples = |region: usize| {
+        let numbers: Vec<u32> = parts.iter().flat_map(|part| &part[region]).copied().collect();
+        numbers.par_iter().with_min_len(WRITTEN).map(sample).collect()
+    };
+    (0..regions.len()).into_par_iter().map(samples).collect()
+}
+
+/// Numbers in the cloud of the points that each region holds, of a part of it from `first` on; the regions with their boxes.
+fn numbers(
+    first: usize,
+    points: &[Point],
+    part_from_world: &Pose,
+    (regions, bounds): (&[Region], &[Option<Bounds>]),
+) -> Vec<Vec<u32>> {
+    let mut lists: Vec<Vec<u32>> = regions.iter().map(|_| Vec::new()).collect();
+    let mut stretch = Stretch::new();
+    for (points_here, first_here) in points.chunks(STRETCH).zip((first..).step_by(STRETCH)) {
+        stretch.place(points_here, part_from_world);
+        let about = stretch.bounds();
+        for ((region, bounds), list) in regions.iter().zip(bounds).zip(&mut lists) {
+            if bounds.as_ref().is_some_and(|bounds| bounds.misses(&about)) {
+                continue;
+            }
+            let mut held = stretch.held(region);
+            if held != 0 && list.is_empty() {
+                // Lists never grow: what is not written takes no memory.
+                list.reserve_exact(points.len());
+            }
+            while held != 0 {
+                list.push(first_here as u32 + held.trailing_zeros());
+                held &= held - 1;
             }
         }
-        lists
-    };
-    let parts: Vec<Vec<Vec<Sample>>> = (0..PARTS).into_par_iter().map(part).collect();
-    let join = |region: usize| {
-        let mut all = Vec::with_capacity(parts.iter().map(|lists| lists[region].len()).sum());
-        for lists in &parts {
-            all.extend_from_slice(&lists[region]);
-        }
-        all
-    };
-    (0..regions.len()).into_par_iter().map(join).collect()
+    }
+    lists
 }

@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::bounds::Bounds;
 use super::geometry::{Exclusion, ExclusionShape, Geometry};
 use super::region::Region;
+use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
 /// Points in a row that share a box: a piece of an image row, which is short and thin.
@@ -40,16 +41,20 @@ impl Stretch {
         }
     }
 
+    /// Takes up to 32 points, one at least, in another frame.
+    pub fn place(&mut self, points: &[Point], motion: &Pose) {
+        self.fill(points.iter().map(|point| Vector3::from(point.position_mm)));
+        self.transform(motion);
+    }
+
     /// Moves the positions into another frame.
-    pub fn transform(&mut self, motion: &Pose) {
+    fn transform(&mut self, motion: &Pose) {
         dispatch!(self.level, simd => self.transform_with(simd, motion));
     }
 
-    /// A box that holds the positions.
+    /// A box that holds the positions; those that are no numbers are in no region either.
     pub fn bounds(&self) -> Bounds {
-        let mut bounds = Bounds::default();
-        (0..self.count).for_each(|k| bounds.add(&self.position(k)));
-        bounds
+        dispatch!(self.level, simd => self.bounds_with(simd))
     }
 
     /// One of the positions, mm.
@@ -143,6 +148,23 @@ impl Stretch {
             f64x8::from_slice(simd, &y[start..start + LANES]) - from.y,
             f64x8::from_slice(simd, &z[start..start + LANES]) - from.z,
         ]
+    }
+
+    #[inline(always)]
+    fn bounds_with<S: Simd>(&self, simd: S) -> Bounds {
+        let ends = |row: &[f64; STRETCH]| {
+            let mut low = f64x8::splat(simd, f64::INFINITY);
+            let mut high = f64x8::splat(simd, f64::NEG_INFINITY);
+            for block in row.chunks_exact(LANES) {
+                let values = f64x8::from_slice(simd, block);
+                low = low.min_precise(values);
+                high = high.max_precise(values);
+            }
+            let low = low.as_slice().iter().copied().fold(f64::INFINITY, f64::min);
+            (low, high.as_slice().iter().copied().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let [x, y, z] = self.places.each_ref().map(ends);
+        Bounds::between(Vector3::new(x.0, y.0, z.0), Vector3::new(x.1, y.1, z.1))
     }
 
     #[inline(always)]

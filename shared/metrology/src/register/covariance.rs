@@ -1,12 +1,12 @@
 //! Uncertainty of an alignment when the noise of neighbouring points is correlated: the model of the fits
 //! ([`crate::fit::Correlation`]), in the basis of the principal motions, where those left free stay out.
 
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
 use super::icp::{Pair, Refined};
 use super::motion::{Equations, Motion};
-use crate::fit::{FEWEST_CELLS, estimate_rows};
+use crate::fit::{FEWEST_CELLS, Rows, estimate_rows};
 
 /// Unknowns of a rigid motion.
 const UNKNOWNS: usize = 6;
@@ -18,6 +18,19 @@ pub(super) struct Stated {
     /// Cells; 0 where the points counted as independent.
     pub cells: usize,
     pub correlation_reach_mm: Option<f64>,
+}
+
+/// The distances of pairs with their derivatives.
+struct OfPairs<'a> {
+    used: &'a [&'a Pair],
+    derivatives: &'a [Motion],
+}
+
+impl Rows<UNKNOWNS> for OfPairs<'_> {
+    #[inline(always)]
+    fn rows(&self, index: usize, add: &mut impl FnMut(f64, &SVector<f64, UNKNOWNS>)) {
+        add(self.used[index].distance_mm, &self.derivatives[index]);
+    }
 }
 
 /// A⁻¹ M A⁻¹ within the determined motions.
@@ -39,7 +52,7 @@ pub(super) fn covariance(last: &Refined) -> Stated {
     let shrink = trimming_shrink(&used, last.limit_mm);
     let (inner, cells, correlation_reach_mm) = if used.len() >= FEWEST_CELLS {
         let places: Vec<Vector3<f64>> = used.iter().map(|p| p.place.coords).collect();
-        let found = estimate_rows(&places, &|i, add| add(used[i].distance_mm, &derivatives[i]), &inverse);
+        let found = estimate_rows(&places, &OfPairs { used: &used, derivatives: &derivatives }, &inverse);
         (found.covariance, found.cells, Some(found.reach_mm))
     } else {
         let variance = equations.normal.sum / (rows - UNKNOWNS as f64).max(1.0);
