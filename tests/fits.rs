@@ -132,7 +132,7 @@ fn regions_that_hold_no_such_element_are_refused_and_leave_no_file() {
     let mut torn = ball.to_vec();
     torn[7].position_mm[1] = f64::NAN;
     let ran = fit("sphere", &workspace.cloud("torn.ply", &torn), &[]).expect_success();
-    assert!(ran.stderr.contains("1 points without finite"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("1 point without finite"), "{}", ran.stderr);
     std::fs::remove_file(workspace.path("fit.json")).unwrap();
     let metres: Vec<Point> = ball.iter().map(|p| point(p.position_mm.map(|v| v * 1e-3), [0.0; 3])).collect();
     refused(

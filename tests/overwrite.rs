@@ -132,7 +132,8 @@ fn outputs_never_overwrite_inputs_nor_files_of_another_kind() {
     let small = inputs();
     let folder = small.folder.path();
     let before = contents(folder);
-    let refusals = ["would overwrite an input", "would replace it", "exists already"];
+    let refusals =
+        ["would overwrite an input", "would lie among the frames", "would replace it", "exists already"];
     let mut wrong = Vec::new();
     for (number, (line, victim)) in WAYS.iter().enumerate() {
         for output in [(*victim).to_owned(), spelled(folder, victim, number)] {
@@ -148,6 +149,58 @@ fn outputs_never_overwrite_inputs_nor_files_of_another_kind() {
     for (path, bytes) in &before {
         assert!(after.get(path) == Some(bytes), "{} was changed", path.display());
     }
+}
+
+/// Proves: no output lies among the frames of a recording, where it would be taken for one, and none has the name that the command itself gives to
+/// another. Nothing is decoded before.
+#[test]
+fn outputs_neither_join_the_frames_nor_replace_each_other() {
+    let small = inputs();
+    let folder = small.folder.path();
+    let rig = fs::read_to_string(small.path("rig.toml")).unwrap();
+    let first = rig.split("[[pair]]").nth(1).expect("the rig has a pair");
+    let again = first.replace("pair1", "pair9");
+    fs::write(small.path("two.toml"), format!("{rig}\n[[pair]]{again}")).unwrap();
+    let frames = "would lie among the frames of a recording";
+    let before = contents(folder);
+    for (line, why) in [
+        ("fringetool decode rec --out rec/frames/proj1/cam1", frames),
+        ("fringetool decode rec --out rec/frames/new", frames),
+        ("fringetool decode rec --json rec/frames/proj1/cam1/notes.json", frames),
+        ("fringetool reconstruct rec --rig rig.toml --out rec/frames/new.ply", frames),
+        (
+            "fringetool decode rec --out maps --json maps/proj1-cam1-x-phase.npy",
+            "is a name of the files of --out",
+        ),
+        (
+            "fringetool reconstruct rec --rig two.toml --out m-pair1.png --map m.png",
+            "is also the file of --out",
+        ),
+        (
+            "fringetool reconstruct rec --rig two.toml --out m.ply --map m.png --json m-pair9.png",
+            "is also the file of --json",
+        ),
+    ] {
+        let ran = run(folder, line, "");
+        assert!(ran.code == Some(2) && ran.stderr.contains(why), "{line}: {:?} {}", ran.code, ran.stderr);
+    }
+    assert_eq!(contents(folder).len(), before.len(), "no file came");
+}
+
+/// Proves: a camera whose folder is a copy of another's is refused; noise never repeats.
+#[test]
+fn a_copy_of_a_camera_is_not_a_second_one() {
+    let small = inputs();
+    let folder = small.folder.path();
+    for frame in fs::read_dir(folder.join("rec/frames/proj1/cam1")).unwrap() {
+        let path = frame.unwrap().path();
+        fs::copy(&path, folder.join("rec/frames/proj1/cam2").join(path.file_name().unwrap())).unwrap();
+    }
+    let ran = run(folder, "fringetool reconstruct rec --rig rig.toml --out new.ply", "");
+    assert_eq!(ran.code, Some(2), "{}{}", ran.stdout, ran.stderr);
+    let told = ["\"cam1\" and \"cam2\" have the same frames", "copy the frames of each camera anew"];
+    assert!(told.iter().all(|why| ran.stderr.contains(why)), "{}", ran.stderr);
+    assert!(!folder.join("new.ply").exists());
 }
 
 /// Files whose names a command makes itself: the truth beside a recording, the parts of a run.

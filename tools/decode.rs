@@ -4,7 +4,7 @@ use crate::Outcome;
 use crate::filters::Filters;
 use crate::phase_method::{PhaseArgs, PhaseName};
 use crate::pipeline::{DecodedView, Decoding, decode_views_by};
-use crate::report::{DecodeLine, check_outputs, emit};
+use crate::report::{DecodeLine, check_folder, check_outputs, emit};
 use anyhow::{Context, Result};
 use cell::executor::Decoded;
 use files::atomic;
@@ -48,8 +48,12 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let recording_file = args.recording.join(RECORDING_FILE);
     check_outputs(&[("--json", args.json.as_deref())], &[&recording_file], args.out.as_deref())?;
+    if let Some(folder) = &args.out {
+        check_folder("--out", folder, &[&recording_file])?;
+    }
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
+    check_json(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
     let (settings, method) = args.phase.choose(args.method);
     let how = Decoding {
@@ -117,6 +121,22 @@ fn check_names(args: &Args, recording: &Recording) -> Result<()> {
         && recording.projectors.iter().all(|p| p.camera(name).is_none())
     {
         anyhow::bail!("{path}: no camera \"{name}\"; see the key `cameras` of each [[projector]]");
+    }
+    Ok(())
+}
+
+/// Refuses a `--json` with the name of a file that the maps of a view get.
+fn check_json(args: &Args, recording: &Recording) -> Result<()> {
+    let (Some(json), Some(folder)) = (&args.json, &args.out) else { return Ok(()) };
+    let beside = json
+        .parent()
+        .is_some_and(|parent| parent.canonicalize().ok() == folder.canonicalize().ok() || parent == folder);
+    let name = json.file_name().unwrap_or_default().to_string_lossy();
+    let of_view = |p: &RecordedProjector| {
+        p.cameras.iter().any(|camera| name.starts_with(&format!("{}-{}-", p.name, camera.name)))
+    };
+    if beside && !name.ends_with(".json") && recording.projectors.iter().any(of_view) {
+        anyhow::bail!("--json {}: is a name of the files of --out; name another file", json.display());
     }
     Ok(())
 }

@@ -92,9 +92,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         println!("{name}: {} points, sigma {:.4} mm", f.form.points, f.form.form_sigma_mm);
     }
     println!(
-        "{}: {} elements; {} of {} points left",
+        "{}: {} element{}; {} of {} points left",
         args.out.display(),
         named.len(),
+        if named.len() == 1 { "" } else { "s" },
         cloud.points.len() - taken,
         cloud.points.len()
     );

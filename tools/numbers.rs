@@ -1,9 +1,20 @@
 //! Lists of numbers on the command line.
 
 use anyhow::{Context, Result, bail};
+use std::ops::RangeInclusive;
 
 /// Largest number of values in a list.
 const MOST: usize = 4096;
+
+/// A number within limits, for an option of the command line.
+///
+/// # Errors
+/// No number, or one outside; clap names the option and the value.
+pub fn within(text: &str, limits: RangeInclusive<f64>) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    let outside = || format!("must lie within {} and {}", limits.start(), limits.end());
+    if limits.contains(&value) { Ok(value) } else { Err(outside()) }
+}
 
 /// Numbers separated by commas; `first:last:step` is a series, `first:last` one with step 1.
 pub fn list(flag: &str, text: &str) -> Result<Vec<f64>> {

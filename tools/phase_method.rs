@@ -1,5 +1,6 @@
 //! Which phase and which order: the options that `decode` and `reconstruct` share.
 
+use crate::numbers::within;
 use cell::executor::PhaseMethod;
 use fringe::decode::{DecodeSettings, OrderMethod};
 use fringe::wrapped::Method;
@@ -20,7 +21,7 @@ pub struct PhaseArgs {
     #[arg(long)]
     remove_harmonics: bool,
     /// Windowed Fourier filtering of the wrapped phase; the window's standard deviation in pixels.
-    #[arg(long = "windowed-filter", value_name = "PX", num_args = 0..=1, default_missing_value = "4")]
+    #[arg(long = "windowed-filter", value_name = "PX", num_args = 0..=1, default_missing_value = "4", value_parser = |text: &str| within(text, 1.0..=32.0))]
     filter: Option<f64>,
 }
 

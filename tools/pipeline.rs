@@ -14,6 +14,9 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+/// Fewer lit pixels may have the same phase by chance.
+const LEAST_LIT: usize = 100;
+
 /// Frames that are read side by side; more only costs memory.
 const READ_AHEAD: usize = 8;
 
@@ -90,7 +93,39 @@ pub fn decode_views_by(
         }
         Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
     };
-    views.iter().map(decode).collect()
+    let decoded = views.iter().map(decode).collect::<Result<Vec<DecodedView>>>()?;
+    refuse_copies(recording, &decoded)?;
+    Ok(decoded)
+}
+
+/// Refuses two cameras with the same phases, bit by bit: noise never repeats, so that one has the frames of the other.
+fn refuse_copies(recording: &Recording, views: &[DecodedView]) -> Result<()> {
+    let same = |a: &Decoded, b: &Decoded| {
+        let lit: usize = a.map.valid.iter().map(|valid| usize::from(*valid)).sum();
+        lit >= LEAST_LIT
+            && a.map.valid == b.map.valid
+            && bytemuck::cast_slice::<f32, u32>(&a.map.phase_rad)
+                == bytemuck::cast_slice::<f32, u32>(&b.map.phase_rad)
+    };
+    for (number, view) in views.iter().enumerate() {
+        let copied = |other: &&DecodedView| {
+            other.projector == view.projector
+                && !view.maps.is_empty()
+                && view.maps.len() == other.maps.len()
+                && view.maps.iter().zip(&other.maps).all(|(a, b)| same(a, b))
+        };
+        if let Some(other) = views[..number].iter().find(copied) {
+            anyhow::bail!(
+                "{}: under projector \"{}\" the cameras \"{}\" and \"{}\" have the same frames, but noise never repeats: one folder is a copy of \
+                 the other; copy the frames of each camera anew, or record again",
+                recording.folder.display(),
+                view.projector,
+                other.camera,
+                view.camera
+            );
+        }
+    }
+    Ok(())
 }
 
 /// What one camera saw of one projector, as it was recorded.

@@ -2,8 +2,8 @@ mod pairs;
 mod task;
 mod why;
 
-pub use pairs::projector_pairs;
 use pairs::{camera_pairs, projector_pairs_or_fault};
+pub use pairs::{projector_pairs, why_absent};
 use task::{Task, task};
 
 use crate::Outcome;
@@ -51,7 +51,7 @@ pub struct Args {
     #[command(flatten)]
     filters: Filters,
     /// Side of the window over which points are smoothed by a quadratic, px: 1 (not at all), 3, 5 or 7.
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = smoothing)]
     smoothing_px: Option<u32>,
     /// Method of the wrapped phase.
     #[arg(long, value_enum, default_value_t)]
@@ -141,6 +141,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&outputs, &inputs, None)?;
     let recording = Recording::open(&args.recording)?;
     let task = task(args, &recording)?;
+    // The pictures have names of their own, none of which may be that of another output.
+    let pictures = args.map.as_ref().map_or(Vec::new(), |path| why::paths(path, &task.pairs));
+    let pictures = pictures.iter().map(|path| ("--map", Some(path.as_path())));
+    check_outputs(&outputs[..2].iter().copied().chain(pictures).collect::<Vec<_>>(), &inputs, None)?;
     let done = clouds(&recording, &task, &args.filters)?;
     let (fused, fusion) = join(&done.pairs, &task.settings);
     if fused.is_empty() {
@@ -168,6 +172,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let provenance = Provenance::now(&FRINGETOOL).rig(&task.rig.sha256);
     emit_made_with(args.json.as_deref(), &result, provenance)?;
     Ok(Outcome::Done)
+}
+
+/// The side of a window of smoothing.
+fn smoothing(text: &str) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|side| [1, 3, 5, 7].contains(side))
+        .ok_or_else(|| "must be 1, 3, 5 or 7".to_owned())
 }
 
 /// What counts as a surface, with another window of smoothing if one is given.

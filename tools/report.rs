@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 
-pub use files::output_check::check_outputs;
+pub use files::output_check::{check_folder, check_outputs};
 
 /// Writes the result as JSON to a file, or to standard output for `-`, with date and software under `provenance`.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {

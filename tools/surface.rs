@@ -39,7 +39,8 @@ pub fn read_cloud_in_mm(path: &Path) -> Result<Cloud> {
 
 fn said(path: &Path, cloud: &Cloud) {
     if cloud.dropped > 0 {
-        eprintln!("{}: {} points without finite coordinates left out", path.display(), cloud.dropped);
+        let points = if cloud.dropped == 1 { "point" } else { "points" };
+        eprintln!("{}: {} {points} without finite coordinates left out", path.display(), cloud.dropped);
     }
 }
 

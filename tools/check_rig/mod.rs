@@ -7,8 +7,9 @@ pub use print::suspects;
 
 use crate::Outcome;
 use crate::calibrate::projector_reading::axis_without_coordinates;
+use crate::numbers::within;
 use crate::pipeline::{DecodedView, decode_views};
-use crate::reconstruct::projector_pairs;
+use crate::reconstruct::{projector_pairs, why_absent};
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
@@ -16,7 +17,7 @@ use characterise::health::{
     HealthSettings, Match, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
 };
 use files::provenance::Provenance;
-use files::recording::{RECORDING_FILE, Recording};
+use files::recording::{RECORDING_FILE, RecordedRig, Recording};
 use files::rig_file::{Covariance, RigFile, read_rig};
 use fringe::decode::DecodeSettings;
 use fringe::geometry::rig::Pair;
@@ -32,7 +33,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
     /// Probability that a healthy pair is reported as unhealthy.
-    #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm)]
+    #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm, value_parser = |text: &str| within(text, 1e-9..=0.1))]
     false_alarm: f64,
     /// Smooth systematic errors of the phase (footprint, blur, stray light), rms in px.
     #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
@@ -155,10 +156,11 @@ fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<(Vec<Pair>, Unchec
         let recorded = recording.projector(name);
         recorded.is_some_and(|projector| axis_without_coordinates(&projector.sequence).is_none())
     };
-    let cameras = recording.rig(rig_file)?.rig.pairs;
-    let by_camera = cameras.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some());
+    let RecordedRig { rig, absent_pairs } = recording.rig(rig_file)?;
+    let by_camera = rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some());
     let mut pairs: Vec<Pair> = by_camera.chain(projector_pairs(recording, rig_file)?).collect();
-    let unchecked = unchecked(recording, rig_file, &pairs, both);
+    let mut unchecked = unchecked(recording, rig_file, &pairs, both);
+    unchecked.extend(absent_pairs.iter().map(|pair| (pair.name.clone(), why_absent(pair, recording))));
     pairs.retain(|pair| both(&pair.projector));
     if pairs.is_empty() {
         bail!(

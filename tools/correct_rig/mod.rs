@@ -6,6 +6,7 @@ mod write;
 
 use crate::Outcome;
 use crate::check_rig::pair_covariance;
+use crate::numbers::within;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
@@ -41,7 +42,7 @@ pub struct Args {
     #[arg(long, value_name = "PLAN")]
     length: Vec<PathBuf>,
     /// Probability that a healthy pair is reported as unhealthy.
-    #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm)]
+    #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm, value_parser = |text: &str| within(text, 1e-9..=0.1))]
     false_alarm: f64,
     /// Smooth systematic errors of the phase (footprint, blur, stray light), rms in px.
     #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]

@@ -15,16 +15,24 @@ pub(super) fn chosen(mut pairs: Vec<Pair>, names: &[String]) -> Result<Vec<Pair>
     Ok(pairs)
 }
 
+/// Why a recording does not show a pair of the rig file.
+pub fn why_absent(pair: &Pair, recording: &Recording) -> String {
+    let projectors: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
+    if !pair.projector.is_empty() && !projectors.contains(&pair.projector.as_str()) {
+        return format!(
+            "its projector \"{}\" was not recorded; recorded: {}",
+            pair.projector,
+            projectors.join(", ")
+        );
+    }
+    format!("{} and {} were not recorded together", pair.left, pair.right)
+}
+
 pub(super) fn camera_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
     let RecordedRig { rig, absent_pairs } = recording.rig(rig_file)?;
     for pair in &absent_pairs {
-        eprintln!(
-            "{}: pair \"{}\" ({} and {}) was not recorded; skipped",
-            rig_file.path.display(),
-            pair.name,
-            pair.left,
-            pair.right
-        );
+        let why = why_absent(pair, recording);
+        eprintln!("{}: pair \"{}\": {why}; skipped", rig_file.path.display(), pair.name);
     }
     let pairs: Vec<Pair> =
         rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some()).collect();

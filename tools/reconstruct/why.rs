@@ -3,6 +3,7 @@
 use super::PairCloud;
 use crate::pipeline::DecodedView;
 use anyhow::{Context, Result};
+use fringe::geometry::rig::Pair;
 use fringe::phase::PhaseMap;
 use fringe::surface::Cause;
 use report::{Class, ClassMap, class_counts, class_map_png};
@@ -82,6 +83,11 @@ fn path_of(path: &Path, pair: &str, several: bool) -> PathBuf {
     let plain: String =
         pair.chars().map(|c| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' }).collect();
     path.with_file_name(format!("{stem}-{plain}.png"))
+}
+
+/// Where the pictures of the pairs lie.
+pub(super) fn paths(path: &Path, pairs: &[Pair]) -> Vec<PathBuf> {
+    pairs.iter().map(|pair| path_of(path, &pair.name, pairs.len() > 1)).collect()
 }
 
 /// Writes one picture for each pair; their paths.

@@ -2,7 +2,8 @@
 
 use crate::error::FileError;
 use crate::guard;
-use std::path::Path;
+use crate::recording::{FRAMES_FOLDER, RECORDING_FILE};
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// An output that would fail at the end, or destroy something.
@@ -23,6 +24,29 @@ pub enum OutputError {
         #[source]
         source: Box<FileError>,
     },
+}
+
+/// The folder with the frames of a recording that is an input, where a place lies within it: each file there is taken for a frame.
+fn frames_around(place: &Path, inputs: &[&Path]) -> Option<PathBuf> {
+    let recordings =
+        inputs.iter().filter(|input| input.file_name().is_some_and(|name| name == RECORDING_FILE));
+    let mut frames = recordings.filter_map(|file| file.parent()?.join(FRAMES_FOLDER).canonicalize().ok());
+    // Of a place that is not there yet the nearest folder that is.
+    let real = place.ancestors().find_map(|folder| folder.canonicalize().ok())?;
+    frames.find(|frames| real.starts_with(frames))
+}
+
+/// Refuses a folder of outputs among the frames of a recording; see [`check_outputs`] for files.
+///
+/// # Errors
+/// It lies there.
+pub fn check_folder(flag: &str, folder: &Path, inputs: &[&Path]) -> Result<(), OutputError> {
+    let Some(frames) = frames_around(&std::path::absolute(folder)?, inputs) else { return Ok(()) };
+    Err(OutputError::Refused(format!(
+        "{flag} {}: would lie among the frames of a recording, {}; name a place outside",
+        folder.display(),
+        frames.display()
+    )))
 }
 
 /// Refuses outputs that cannot be written, that overwrite an input, or that are named twice. `made` is a folder that the
@@ -55,6 +79,13 @@ pub fn check_outputs(
             continue;
         }
         let here = real(path)?;
+        if let Some(frames) = frames_around(&here, inputs) {
+            let why = format!(
+                "would lie among the frames of a recording, {}; name a place outside",
+                frames.display()
+            );
+            return refused(flag, path, &why);
+        }
         for input in inputs {
             if real(input)? == here || guard::same_file(input, path) {
                 return refused(flag, path, "would overwrite an input; name another file");

@@ -3,6 +3,7 @@
 
 use super::super::scan::decode_with;
 use crate::calibrate::projector_reading::{decoding, index, pitch_px};
+use crate::numbers::within;
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
@@ -34,19 +35,19 @@ pub struct Plan {
     #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(3..=200))]
     pub rows: u32,
     /// Side of a square.
-    #[arg(long, value_name = "MM", default_value_t = 8.0)]
+    #[arg(long, value_name = "MM", default_value_t = 8.0, value_parser = |text: &str| within(text, 0.1..=1000.0))]
     pub pitch_mm: f64,
     /// Relative amplitude of the paper's grain of half a millimetre.
-    #[arg(long, value_name = "F", default_value_t = 0.0)]
+    #[arg(long, value_name = "F", default_value_t = 0.0, value_parser = |text: &str| within(text, 0.0..=1.0))]
     pub grain: f64,
     /// Poses of the board.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(3..=1000))]
     pub poses: usize,
     /// Tilt of the boards about their x and y axes, ± degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 26.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 26.0, value_parser = |text: &str| within(text, 0.0..=80.0))]
     pub tilt_deg: f64,
     /// Places of the board's middle about that of the volume, ± mm along each axis.
-    #[arg(long, value_name = "MM", default_value_t = 32.0)]
+    #[arg(long, value_name = "MM", default_value_t = 32.0, value_parser = |text: &str| within(text, 0.0..=10_000.0))]
     pub spread_mm: f64,
 }
 

@@ -7,6 +7,7 @@ use super::calibrated::Calibrated;
 use super::calibration::bars::{SPACING_MM, worst_spacing};
 use super::calibration::board::{Cell, Plan};
 use crate::Outcome;
+use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::{Context, Result};
@@ -35,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
     sets: u64,
     /// Smooth systematic errors of the phase, rms in px.
-    #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
+    #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px, value_parser = |text: &str| within(text, 0.0..=1.0))]
     phase_error_px: f64,
     #[command(flatten)]
     fringes: Fringes,

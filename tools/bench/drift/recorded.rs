@@ -5,6 +5,7 @@ use super::super::calibrated::Calibrated;
 use super::super::calibration::board::{Cell, moved};
 use super::super::scan::{decode_with, tolerant, views};
 use super::{PARTNERS, VIEW};
+use crate::numbers::within;
 use anyhow::{Context, Result};
 use cell::executor::PairMatcher;
 use characterise::health::{HealthSettings, Match, Partner, check_pair, match_projector, match_views};
@@ -15,7 +16,6 @@ use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseMap, PhaseView};
 use metrology::inspection::evaluate;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use std::ops::RangeInclusive;
 use twin::{Twin, TwinSettings};
 
 /// The length standard: spheres of the part, certified.
@@ -116,7 +116,7 @@ fn both(maps: &[PhaseMap]) -> Result<[PhaseView<'_>; 2]> {
 /// How a recording is made and decoded.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Fringes {
-    /// Projector columns of a fringe; rows of a fringe are an eighth more.
+    /// Projector columns of a fringe, of which half is a stripe that eight bits can number; rows of a fringe are an eighth more.
     #[arg(long, value_name = "PX", default_value_t = 8.0, value_parser = |text: &str| within(text, 6.0..=64.0))]
     period_px: f64,
     /// Steps of each axis.
@@ -125,13 +125,6 @@ pub struct Fringes {
     /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
     #[arg(long, value_name = "PX", default_value_t = 0.577, value_parser = |text: &str| within(text, 0.0..=1.0))]
     footprint_px: f64,
-}
-
-/// A number within limits: a period of which half a fringe is a stripe that eight bits can number, a footprint that the decoder takes.
-fn within(text: &str, limits: RangeInclusive<f64>) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    let outside = || format!("must lie within {} and {}", limits.start(), limits.end());
-    if limits.contains(&value) { Ok(value) } else { Err(outside()) }
 }
 
 impl Fringes {

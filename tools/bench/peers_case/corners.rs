@@ -27,20 +27,23 @@ pub(super) fn corners(bench: &mut Bench) -> Result<()> {
         first_marker: None,
     };
     let settings = TargetSettings::default();
-    let mut images = Vec::new();
+    let (mut images, mut truths): (Vec<Vec<u8>>, Vec<Vec<[f64; 2]>>) = (Vec::new(), Vec::new());
     for number in 0..IMAGES {
         let (shape, pixels) = bench.bytes(&format!("board{number}"))?;
-        ensure!(shape == [height_px as usize, width_px as usize], "board{number}.npy has shape {shape:?}");
+        ensure!(
+            shape == [height_px as usize, width_px as usize],
+            "board{number}.npy has shape {shape:?} where {height_px} x {width_px}, the rows and columns of --size, is needed"
+        );
         images.push(pixels);
+        let corners = bench.matrix(&format!("corners{number}"), (BOARD[0] * BOARD[1]) as usize, 2)?;
+        truths.push(corners.as_chunks::<2>().0.to_vec());
     }
     let frame = |number: usize| FrameView::from_bytes(width_px, height_px, 255, &images[number]);
     let (mut found, mut errors_px) = (0, Vec::new());
-    for number in 0..IMAGES {
+    for (number, truth) in truths.iter().enumerate() {
         let view = frame(number).context("frame size")?;
         let Ok(detection) = detect(&view, &spec, &settings) else { continue };
         found += 1;
-        let (_, truth) = bench.numbers(&format!("corners{number}"))?;
-        let truth: Vec<[f64; 2]> = truth.as_chunks::<2>().0.to_vec();
         let rms = |turned: bool| {
             let squares = detection.points.iter().map(|p| {
                 let place = (p.index.1 * BOARD[0] + p.index.0) as usize;
@@ -61,7 +64,7 @@ pub(super) fn corners(bench: &mut Bench) -> Result<()> {
     })?;
     row.with(json!({
         "found": format!("{found}/{IMAGES}"),
-        "rms_px": errors_px.iter().sum::<f64>() / errors_px.len().max(1) as f64,
+        "rms_px": (found > 0).then(|| errors_px.iter().sum::<f64>() / f64::from(found)),
     }));
     Ok(())
 }

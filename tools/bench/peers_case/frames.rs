@@ -56,7 +56,8 @@ impl Camera18 {
         let (shape, frames) = bench.bytes(&format!("frames{number}"))?;
         ensure!(
             shape == [FRAMES, height_px as usize, width_px as usize],
-            "frames{number}.npy has shape {shape:?}"
+            "frames{number}.npy has shape {shape:?} where {FRAMES} x {height_px} x {width_px}, the frames with the rows and columns of \
+             --size, is needed"
         );
         let decoder =
             Decoder::new(&sequence(), width_px, height_px, 255, PROJECTOR_PX, &DecodeSettings::default())?;
@@ -79,22 +80,28 @@ impl Camera18 {
     fn accuracy(&self, truth: &[f32]) -> Value {
         let valid: usize = self.map.valid.iter().map(|v| usize::from(*v)).sum();
         let planes = self.map.phase_rad.iter().zip(truth).zip(&self.map.valid);
-        let errors: Vec<f64> =
-            planes.filter(|(_, v)| **v == 1).map(|((p, t), _)| f64::from(p - t).abs()).collect();
+        // Where there is no truth, there is nothing to compare with.
+        let known = planes.filter(|((_, truth), valid)| **valid == 1 && truth.is_finite());
+        let errors: Vec<f64> = known.map(|((p, t), _)| f64::from(p - t).abs()).collect();
         let good: Vec<f64> = errors.iter().copied().filter(|e| *e < ORDER_ERROR_RAD).collect();
         let squares: f64 = good.iter().map(|e| e * e).sum();
         json!({
-            "rms_mrad": (squares / good.len().max(1) as f64).sqrt() * 1e3,
-            "order_errors": errors.len() - good.len(),
+            "rms_mrad": root_mean(squares, good.len()).map(|rms| rms * 1e3),
+            "order_errors": (!errors.is_empty()).then(|| errors.len() - good.len()),
             "valid": valid as f64 / truth.len().max(1) as f64,
         })
     }
 }
 
+/// Root of a mean of squares; `None` of none: nothing was compared.
+fn root_mean(squares: f64, count: usize) -> Option<f64> {
+    (count > 0).then(|| (squares / count as f64).sqrt())
+}
+
 /// Decodes the frames of the first camera.
 pub(super) fn decode(bench: &mut Bench) -> Result<()> {
     let mut camera = Camera18::read(bench, 0)?;
-    let truth = bench.floats("truth_phase0")?;
+    let truth = bench.picture("truth_phase0")?;
     let bytes = truth.len() * (FRAMES + 4 + 1);
     for threads in [1, 2] {
         bench.time("decode", threads, || camera.decode())?;
@@ -112,8 +119,7 @@ pub(super) fn matching(bench: &mut Bench) -> Result<()> {
     let info = PhaseInfo { width_px, height_px, axis: Axis::X, period_px: PERIOD_PX };
     let mut maps = Vec::new();
     for number in [0, 1] {
-        let phase_rad = bench.floats(&format!("phase{number}"))?;
-        ensure!(phase_rad.len() == info.len(), "phase{number}.npy has {} pixels", phase_rad.len());
+        let phase_rad = bench.picture(&format!("phase{number}"))?;
         let valid: Vec<u8> = phase_rad.iter().map(|p| u8::from(p.is_finite())).collect();
         let sigma_rad = phase_rad.iter().map(|p| if p.is_finite() { SIGMA_RAD } else { f32::NAN }).collect();
         maps.push(PhaseMap { info, phase_rad, sigma_rad, modulation: vec![70.0; info.len()], valid });
@@ -121,7 +127,7 @@ pub(super) fn matching(bench: &mut Bench) -> Result<()> {
     let mut stereo = Stereo::new(bench)?;
     for threads in [1, 2] {
         bench.time("match rows", threads, || stereo.run(&maps[0], &maps[1]))?;
-        let accuracy = stereo.accuracy(&maps[0])?;
+        let accuracy = stereo.accuracy(&maps[0]);
         let Some(row) = bench.rows.last_mut() else { continue };
         row.with(accuracy);
         row.with(json!({ "note": "remap, match, triangulation, normals, sigma and smoothing in one" }));
@@ -145,7 +151,7 @@ pub(super) fn pipeline(bench: &mut Bench) -> Result<()> {
             stages[1].push(start.elapsed().as_secs_f64() * 1e3);
             Ok(())
         })?;
-        let accuracy = stereo.accuracy(&cameras[0].map)?;
+        let accuracy = stereo.accuracy(&cameras[0].map);
         let [decode_ms, match_ms] = stages.map(|mut ms| fringe::math::statistics::median(&mut ms));
         let Some(row) = bench.rows.last_mut() else { continue };
         row.with(json!({ "decode_ms": decode_ms, "match_ms": match_ms, "points": stereo.count }));
@@ -179,8 +185,8 @@ impl Stereo {
             left,
             rotation: Matrix3::from_row_slice(&bench.matrix("R1", 3, 3)?),
             projection: bench.matrix("P1", 3, 4)?,
-            depth_mm: bench.floats("truth_rect_depth")?,
-            valid: bench.bytes("truth_rect_valid")?.1,
+            depth_mm: bench.picture("truth_rect_depth")?,
+            valid: bench.marks("truth_rect_valid")?,
         })
     }
 
@@ -218,9 +224,7 @@ impl Stereo {
 
     /// Depth errors against the truth, which is given at the pixels of the rectified left camera, and the share of the lit pixels
     /// that have a point.
-    fn accuracy(&self, left: &PhaseMap) -> Result<Value> {
-        let pixels = self.left.width_px as usize * self.left.height_px as usize;
-        ensure!(self.depth_mm.len() == pixels && self.valid.len() == pixels, "truth of another size");
+    fn accuracy(&self, left: &PhaseMap) -> Value {
         let (mut squares, mut good, mut outliers, mut hits) = (0.0, 0_usize, 0_usize, 0_usize);
         for point in &self.points[..self.count] {
             let at = (self.left.camera_from_world * point.position()).coords;
@@ -232,6 +236,9 @@ impl Stereo {
             let z = four.map(|i| f64::from(self.depth_mm[i]));
             let truth = (1.0 - b) * ((1.0 - a) * z[0] + a * z[1]) + b * ((1.0 - a) * z[2] + a * z[3]);
             let error = (self.rotation * at).z - truth;
+            if error.is_nan() {
+                continue;
+            }
             if error.abs() > OUTLIER_MM {
                 outliers += 1;
             } else {
@@ -239,10 +246,11 @@ impl Stereo {
                 squares += error * error;
             }
         }
-        Ok(json!({
-            "rms_um": (squares / good.max(1) as f64).sqrt() * 1e3,
-            "matched": hits as f64 / self.lit(left).max(1) as f64,
-            "outliers": outliers,
-        }))
+        let lit = self.lit(left);
+        json!({
+            "rms_um": root_mean(squares, good).map(|rms| rms * 1e3),
+            "matched": (lit > 0).then(|| hits as f64 / lit as f64),
+            "outliers": (good + outliers > 0).then_some(outliers),
+        })
     }
 }

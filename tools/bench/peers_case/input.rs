@@ -2,11 +2,15 @@
 
 use super::Bench;
 use anyhow::{Context, Result, ensure};
+use files::document::read_bytes;
 use files::npy::{Array, Values, read_array};
 use fringe::geometry::camera::{Camera, Lens};
 use fringe::geometry::pose::Pose;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::Deserialize;
+
+/// Largest `calib.json` that is read.
+const LARGEST_BYTES: u64 = 1 << 20;
 
 /// A camera as the script writes it.
 #[derive(Deserialize)]
@@ -48,12 +52,31 @@ impl Bench {
         Ok((array.shape, values))
     }
 
-    /// An array of single precision.
-    pub(super) fn floats(&self, name: &str) -> Result<Vec<f32>> {
-        match self.array(name)?.values {
+    /// An array of single precision, a number for each pixel.
+    pub(super) fn picture(&self, name: &str) -> Result<Vec<f32>> {
+        let Array { shape, values } = self.array(name)?;
+        self.of_pixels(name, &shape)?;
+        match values {
             Values::F32(values) => Ok(values),
             _ => anyhow::bail!("{name}.npy holds no float32"),
         }
+    }
+
+    /// An array of bytes, one for each pixel.
+    pub(super) fn marks(&self, name: &str) -> Result<Vec<u8>> {
+        let (shape, values) = self.bytes(name)?;
+        self.of_pixels(name, &shape)?;
+        Ok(values)
+    }
+
+    /// Refuses an array that has not one number for each pixel.
+    fn of_pixels(&self, name: &str, shape: &[usize]) -> Result<()> {
+        let (width, height) = self.image_size()?;
+        ensure!(
+            shape == [height as usize, width as usize],
+            "{name}.npy has shape {shape:?} where {height} x {width}, the rows and columns of --size, is needed"
+        );
+        Ok(())
     }
 
     /// A matrix of so many rows and columns, row by row.
@@ -63,6 +86,7 @@ impl Bench {
             shape == [rows, columns],
             "{name}.npy has shape {shape:?} where {rows} x {columns} is needed"
         );
+        ensure!(values.iter().all(|v| v.is_finite()), "{name}.npy holds values that are no finite numbers");
         Ok(values)
     }
 
@@ -70,6 +94,12 @@ impl Bench {
     pub(super) fn points(&self, name: &str) -> Result<Vec<Point3<f64>>> {
         let (shape, values) = self.numbers(name)?;
         ensure!(shape.len() == 2 && shape[1] == 3, "{name}.npy has shape {shape:?} where n x 3 is needed");
+        let least = 4;
+        ensure!(shape[0] >= least, "{name}.npy holds {} points where {least} are needed at least", shape[0]);
+        ensure!(
+            values.iter().all(|v| v.is_finite()),
+            "{name}.npy holds points that have no place (not finite)"
+        );
         Ok(values.as_chunks::<3>().0.iter().map(|p| Point3::new(p[0], p[1], p[2])).collect())
     }
 
@@ -77,9 +107,9 @@ impl Bench {
     pub(super) fn cameras(&self) -> Result<[Camera; 2]> {
         let (width_px, height_px) = self.image_size()?;
         let path = self.input.join("calib.json");
-        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let text = read_bytes(&path, LARGEST_BYTES)?;
         let calibration: Calibration =
-            serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+            serde_json::from_slice(&text).with_context(|| path.display().to_string())?;
         Ok(calibration.cams.map(|cam| {
             let rotation = Matrix3::from_fn(|r, c| cam.R[r][c]);
             let translation = -(rotation * Vector3::from(cam.C));

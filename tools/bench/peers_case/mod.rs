@@ -183,8 +183,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     for row in &bench.rows {
         eprintln!(
-            "  {:20} {:>9} {} thread(s) {:10.3} ms (min {:.3})",
-            row.task, row.size, row.threads, row.median_ms, row.min_ms
+            "  {:20} {:>9} {} thread{} {:10.3} ms (min {:.3})",
+            row.task,
+            row.size,
+            row.threads,
+            if row.threads == 1 { " " } else { "s" },
+            row.median_ms,
+            row.min_ms
         );
     }
     emit_bare(args.json.as_deref(), &json!({ "rows": bench.rows }))?;

@@ -30,7 +30,7 @@ pub enum PhaseMethodError {
     #[error("--windowed-filter {0}: must be 1 to 32 pixels")]
     Window(f64),
     /// Frames or steps that the method does not take.
-    #[error("sine set {set}")]
+    #[error("sine set {}", .set + 1)]
     Wrap {
         /// Position in the sequence, from 0.
         set: usize,
@@ -39,7 +39,8 @@ pub enum PhaseMethodError {
     },
     /// Steps of unequal size.
     #[error(
-        "sine set {set}: --remove-harmonics needs even steps: with shifts_rad the error of a harmonic has no order"
+        "sine set {}: --remove-harmonics needs even steps: with shifts_rad the error of a harmonic has no order",
+        .set + 1
     )]
     UnevenSteps {
         /// Position in the sequence, from 0.

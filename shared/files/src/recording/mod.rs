@@ -19,7 +19,8 @@ mod tests;
 mod write;
 
 pub use model::{
-    RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, RecordedRig, Recording,
+    FRAMES_FOLDER, RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, RecordedRig,
+    Recording,
 };
 pub use write::{ProjectorRecord, RecordingWriter, recording_text, set_text};
 

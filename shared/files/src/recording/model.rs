@@ -19,6 +19,9 @@ pub const RECORDING_FORMAT: &str = "fringecell-recording/1";
 /// Name of the file that makes a folder a recording; it is written last.
 pub const RECORDING_FILE: &str = "recording.toml";
 
+/// Folder of a recording that holds its frames.
+pub const FRAMES_FOLDER: &str = "frames";
+
 /// A recording whose frames are all there: counted, named and of equal size, but not yet decoded.
 #[derive(Debug, Clone)]
 pub struct Recording {

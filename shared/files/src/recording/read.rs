@@ -1,7 +1,7 @@
 //! Opening a recording: every frame is found and measured before the first one is decoded.
 
 use super::frames::{equal_headers, list_frames};
-use super::{RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, Recording};
+use super::{FRAMES_FOLDER, RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, Recording};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
@@ -128,7 +128,7 @@ fn projector(
         return Err(document.fault(&format!("{key}.missing"), problem, "record again"));
     }
     let camera = |name: &String| {
-        let folder = folder.join("frames").join(&raw.name).join(name);
+        let folder = folder.join(FRAMES_FOLDER).join(&raw.name).join(name);
         camera(
             document,
             &cameras_key,

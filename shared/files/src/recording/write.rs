@@ -1,6 +1,6 @@
 //! Writing a recording: frames first, `recording.toml` last, so that one that was broken off is recognisable.
 
-use super::{RECORDING_FILE, RECORDING_FORMAT};
+use super::{FRAMES_FOLDER, RECORDING_FILE, RECORDING_FORMAT};
 use crate::atomic;
 use crate::error::{FileError, Problem};
 use crate::image_file::{Channel, read_channel, read_header, write_png};
@@ -82,7 +82,7 @@ impl RecordingWriter {
         };
         for projector in projectors {
             for camera in &projector.cameras {
-                atomic::create_dir(&folder.join("frames").join(&projector.name).join(camera))?;
+                atomic::create_dir(&folder.join(FRAMES_FOLDER).join(&projector.name).join(camera))?;
             }
         }
         Ok(writer)
@@ -155,7 +155,7 @@ impl RecordingWriter {
         let count = shown.map_or(0, |p| frame_count(&p.sequence)).max(1);
         let (exposure, frame) = (frame / count, frame % count);
         let name = if exposure == 0 { format!("{frame:03}") } else { format!("{frame:03}_{exposure}") };
-        self.folder.join("frames").join(projector).join(camera).join(name)
+        self.folder.join(FRAMES_FOLDER).join(projector).join(camera).join(name)
     }
 
     /// The mark of a frame that may be written with this size and full scale.
@@ -224,7 +224,7 @@ impl Drop for RecordingWriter {
         if self.finished {
             return;
         }
-        let _ = std::fs::remove_dir_all(self.folder.join("frames"));
+        let _ = std::fs::remove_dir_all(self.folder.join(FRAMES_FOLDER));
         if self.made {
             // Only when nothing else came to lie there.
             let _ = std::fs::remove_dir(&self.folder);

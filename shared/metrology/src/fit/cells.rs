@@ -4,6 +4,7 @@ use crate::counted_order::counted_order;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f64x8};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Cells along one axis that fit into a third of the key.
 const CELLS_PER_AXIS: f64 = 2_097_151.0;
@@ -14,19 +15,31 @@ const FEW_CUBES: usize = 1 << 16;
 /// Points that are looked at side by side.
 const LANES: usize = 8;
 
+/// Points that a thread takes at once.
+const PLACED: usize = 8192;
+
 /// Points whose cubes may have several sizes.
 pub(super) struct Cubes<'a> {
     points: &'a [Vector3<f64>],
     lowest: Vector3<f64>,
     extent: Vector3<f64>,
+    /// Edge that was asked for last, mm, and the place of each point's cube then.
+    placed_mm: f64,
+    places: Vec<u32>,
 }
 
 impl<'a> Cubes<'a> {
     /// About all of the points.
     pub fn new(points: &'a [Vector3<f64>]) -> Self {
-        let lowest = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-        let highest = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-        Self { points, lowest, extent: highest - lowest }
+        let (mut lowest, mut highest) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+        for point in points {
+            for axis in 0..3 {
+                // Plain comparisons, since all are numbers.
+                lowest[axis] = if point[axis] < lowest[axis] { point[axis] } else { lowest[axis] };
+                highest[axis] = if point[axis] > highest[axis] { point[axis] } else { highest[axis] };
+            }
+        }
+        Self { points, lowest, extent: highest - lowest, placed_mm: f64::NAN, places: Vec::new() }
     }
 
     /// Largest edge of the box that holds the points, mm.
@@ -54,22 +67,31 @@ impl<'a> Cubes<'a> {
     }
 
     /// Number of cubes of an edge that hold points.
-    pub fn count(&self, edge_mm: f64) -> usize {
-        let Some(grid) = self.dense(edge_mm) else {
+    pub fn count(&mut self, edge_mm: f64) -> usize {
+        let Some(cubes) = self.place(edge_mm) else {
             return self.sorted(edge_mm).chunk_by(|a, b| a.0 == b.0).count();
         };
-        let mut held = vec![0_u8; grid.cubes];
-        grid.places(self.points, |_, place| held[place as usize] = 1);
+        let mut held = vec![0_u8; cubes];
+        self.places.iter().for_each(|place| held[*place as usize] = 1);
         held.iter().map(|held| usize::from(*held)).sum()
     }
 
     /// Points by the cube they lie in: (number that orders the cubes, index), sorted.
-    pub fn members(&self, edge_mm: f64) -> Vec<(u64, u32)> {
-        let Some(grid) = self.dense(edge_mm) else { return self.sorted(edge_mm) };
-        let mut places = vec![0; self.points.len()];
-        grid.places(self.points, |index, place| places[index] = place);
-        let member = |index: u32| (u64::from(places[index as usize]), index);
-        counted_order(&places, grid.cubes).into_iter().map(member).collect()
+    pub fn members(&mut self, edge_mm: f64) -> Vec<(u64, u32)> {
+        let Some(cubes) = self.place(edge_mm) else { return self.sorted(edge_mm) };
+        let member = |index: u32| (u64::from(self.places[index as usize]), index);
+        counted_order(&self.places, cubes).into_iter().map(member).collect()
+    }
+
+    /// Finds the places of the points among the cubes of an edge, and the number of these; `None` where they are too many to be counted.
+    fn place(&mut self, edge_mm: f64) -> Option<usize> {
+        let grid = self.dense(edge_mm)?;
+        if self.placed_mm != edge_mm {
+            self.places.resize(self.points.len(), 0);
+            grid.place(self.points, &mut self.places);
+            self.placed_mm = edge_mm;
+        }
+        Some(grid.cubes)
     }
 
     fn sorted(&self, edge_mm: f64) -> Vec<(u64, u32)> {
@@ -96,13 +118,19 @@ struct Grid {
 }
 
 impl Grid {
-    /// Calls `visit` with the index of each point and the place of its cube in the order of keys.
-    fn places(&self, points: &[Vector3<f64>], mut visit: impl FnMut(usize, u32)) {
-        for (group, first) in points.chunks(LANES).zip((0..).step_by(LANES)) {
-            let places = dispatch!(self.level, simd => self.places_of(simd, group));
-            for (place, index) in places.iter().zip(first..first + group.len()) {
-                visit(index, *place);
-            }
+    /// Writes the place of each point's cube in the order of keys.
+    fn place(&self, points: &[Vector3<f64>], places: &mut [u32]) {
+        let chunks = places.par_chunks_mut(PLACED).zip(points.par_chunks(PLACED));
+        chunks.for_each(
+            |(places, points)| dispatch!(self.level, simd => self.place_with(simd, points, places)),
+        );
+    }
+
+    #[inline(always)]
+    fn place_with<S: Simd>(&self, simd: S, points: &[Vector3<f64>], places: &mut [u32]) {
+        for (places, points) in places.chunks_mut(LANES).zip(points.chunks(LANES)) {
+            let found = self.places_of(simd, points);
+            places.copy_from_slice(&found[..points.len()]);
         }
     }
 
@@ -143,7 +171,7 @@ mod tests {
             edge_mm in prop_oneof![0.01_f64..0.1, 0.1_f64..2.0, Just(20.0)],
         ) {
             let points: Vec<Vector3<f64>> = places.into_iter().map(Vector3::from).collect();
-            let cubes = Cubes::new(&points);
+            let mut cubes = Cubes::new(&points);
             let groups = |members: &[(u64, u32)]| -> Vec<Vec<u32>> {
                 members.chunk_by(|a, b| a.0 == b.0).map(|g| g.iter().map(|m| m.1).collect()).collect()
             };

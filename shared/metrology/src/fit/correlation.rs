@@ -171,7 +171,7 @@ fn gather<const P: usize>(rows: &impl Rows<P>, points: &[Vector3<f64>]) -> Vec<C
     if points.len() <= MOST_CELLS {
         return (0..points.len() as u32).map(|index| cell_with(level, rows, points, &[(0, index)])).collect();
     }
-    let cubes = Cubes::new(points);
+    let mut cubes = Cubes::new(points);
     let extent_mm = cubes.extent_mm();
     let mut edge_mm = extent_mm / 40.0;
     let mut count = cubes.count(edge_mm);

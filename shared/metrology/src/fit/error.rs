@@ -5,11 +5,16 @@ use thiserror::Error;
 /// Largest coordinate that is taken for a length in mm: beyond it squares lose the micrometre.
 pub const COORDINATE_LIMIT_MM: f64 = 1e7;
 
+/// The ending of a word beside a number.
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
 /// Why there is no fit.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum FitError {
     /// Fewer points than the element needs.
-    #[error("{element}: {points} points, needs at least {needs}")]
+    #[error("{element}: {points} point{}, needs at least {needs}", plural(*.points))]
     TooFewPoints {
         /// Kind of the element.
         element: &'static str,

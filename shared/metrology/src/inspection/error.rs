@@ -61,8 +61,8 @@ pub enum MeasureError {
     /// The filter of a flatness leaves too few blocks to estimate its noise.
     #[error(
         "flatness filter: filter_mm = {filter_mm} mm leaves {cells} cells of {fewest_points} or more points in each quarter and \
-         {blocks} blocks of 2 × 2 of them, needs at least {needs} blocks: a smaller filter_mm, or a larger or more \
-         densely measured element"
+         {blocks} blocks of 2 × 2 of them, needs at least {needs} blocks: a larger filter_mm where cells hold too few points, a smaller one \
+         where few cells fit, or a larger or more densely measured element"
     )]
     FilteredAway {
         /// Nesting index of the filter, mm.

@@ -19,6 +19,7 @@
 
 use fringe::math::statistics::median;
 use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
 
 use super::MeasureError;
 use super::result::FlatnessFilter;
@@ -37,6 +38,9 @@ const FEWEST_BLOCKS: usize = 16;
 
 /// A stated uncertainty counts as no more and no less than this part of the median: a single wrong one must not decide.
 const SIGMA_RATIO: f64 = 4.0;
+
+/// Points that a thread takes at least.
+const BRANCH: usize = 8192;
 
 /// Cells that are taken as equally uncertain when the range of noise is computed: neighbours in the order of their variances.
 const ALIKE: usize = 8;
@@ -157,11 +161,13 @@ fn cells(across: &[Across], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
     };
     let key = |halves: &[i64; 2]| halves.map(|h| h.div_euclid(2));
     let quarter = |halves: &[i64; 2]| halves.iter().fold(0, |q, h| 2 * q + h.rem_euclid(2) as usize);
-    let halves: Vec<[i64; 2]> = across.iter().zip(deviation_mm).map(|(p, _)| p.place_mm.map(half)).collect();
-    let order = ordered(&halves, key);
+    let numbered = across.par_iter().with_min_len(BRANCH).zip(deviation_mm);
+    let halves: Vec<[i64; 2]> = numbered.map(|(p, _)| p.place_mm.map(half)).collect();
+    let (order, variance) = rayon::join(|| ordered(&halves, key), || variances(across));
     let groups = order.chunk_by(|a, b| key(&halves[*a as usize]) == key(&halves[*b as usize]));
-    let variance = variances(across);
+    let groups: Vec<&[u32]> = groups.collect();
     groups
+        .into_par_iter()
         .map(|group| {
             let members = || group.iter().map(|i| *i as usize);
             let count = group.len() as f64;

@@ -20,7 +20,7 @@ pub const LEAST_REFERENCE_POINTS: usize = 4;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum CloudError {
     /// The reference has too few points.
-    #[error("has {found} points, at least {needed} are needed; is this the right file?")]
+    #[error("has {found} point{}, at least {needed} are needed; is this the right file?", if *.found == 1 { "" } else { "s" })]
     Few {
         /// Number of points found.
         found: usize,
