@@ -311,7 +311,7 @@ fn what_cannot_be_meant_is_told_and_leaves_nothing() {
     let reference = folder.write("reference.ply", &good);
     let cases: [(&str, Vec<u8>, &[&str]); 12] = [
         ("empty.ply", ply(&[]).into(), &["empty.ply", "no point"]),
-        ("one.ply", ply(&points[..1]).into(), &["one.ply", "1 points", "2"]),
+        ("one.ply", ply(&points[..1]).into(), &["one.ply", "1 point, ", "2"]),
         ("nan.ply", binary_ply(&with_nan), &[]),
         ("all_nan.ply", binary_ply(&[[f64::NAN; 3]; 9]), &["all_nan.ply", "no point"]),
         ("metres.ply", scaled(1e-3).into(), &["metres.ply", "metres", "1000"]),
@@ -341,7 +341,7 @@ fn what_cannot_be_meant_is_told_and_leaves_nothing() {
         assert!(outs.iter().all(|out| !Path::new(out).exists()), "{name} left something");
     }
     for (name, bytes, words) in [
-        ("one.ply", ply(&points[..1]), ["one.ply", "1 points"]),
+        ("one.ply", ply(&points[..1]), ["one.ply", "1 point, "]),
         ("same.ply", ply(&[[1.0; 3]; 60]), ["same.ply", "coincide"]),
         ("flat.stl", degenerate.to_owned(), ["flat.stl", "area"]),
         ("cut.stl", stl()[..150].to_owned(), ["cut.stl", "STL"]),
