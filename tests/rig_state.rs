@@ -211,7 +211,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
     let one_direction = ["check-rig", recording.as_str(), "--rig", rig.as_str()];
     for (arguments, expected) in [
         (vec![], "no projector shows fringes along both axes"),
-        (vec!["--false-alarm", "2"], "false_alarm = 2 is outside"),
+        (vec!["--false-alarm", "2"], "invalid value '2' for '--false-alarm <P>'"),
         (vec!["--trend", "absent/trend.txt"], "the folder absent does not exist"),
         (vec!["--date", "yesterday"], "--date yesterday: is not a date"),
         (vec!["--picture", "c.svg"], "--trend"),
