@@ -93,7 +93,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     let view = shown::drifted(args, &rig_file, &shown)?;
-    let links = shown::links(&view, &shown);
+    let further = shown::further(&view, &shown, &rig_file, covariance.as_ref(), &settings)?;
+    let links = shown::links(&view, &shown, &further);
     let judge =
         Judge { rig_file: &rig_file, covariance: covariance.as_ref(), settings: &settings, view: &view };
     let found = judge.correct(args, &shown, &links)?;
@@ -165,6 +166,8 @@ pub struct PairAfter {
     pub name: String,
     /// Number of the recording.
     pub recording: usize,
+    /// Whether it is none of the rig file, but the view with a further camera.
+    pub further: bool,
     /// Whether the pair is healthy.
     pub healthy: bool,
     /// Root mean square of the drift before, px.
@@ -333,6 +336,7 @@ impl Judge<'_> {
             Ok(PairAfter {
                 name: pair.name,
                 recording: link.recording,
+                further: link.further,
                 healthy: health.healthy,
                 before_px: link.check.health.drift.rms_px,
                 rms_px: health.drift.rms_px,

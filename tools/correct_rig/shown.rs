@@ -1,12 +1,13 @@
 //! The recordings that a correction rests on, and the places that the drifted view shares with others in them.
 
 use super::Args;
-use crate::check_rig::{Examined, PairCheck, examine, suspects};
+use crate::check_rig::{Examined, PairCheck, Seen, examine, suspects};
 use anyhow::{Result, bail};
-use characterise::health::{HealthSettings, Match};
+use characterise::health::{HealthError, HealthSettings, Match};
 use files::plan_file::read_plan;
 use files::recording::Recording;
 use files::rig_file::{Covariance, RigFile};
+use fringe::geometry::rig::Pair;
 use metrology::inspection::Plan;
 
 /// A recording with what was found in it.
@@ -27,6 +28,8 @@ pub struct Link<'a> {
     pub check: &'a PairCheck,
     /// The view that counts.
     pub partner: &'a str,
+    /// Whether the rig file does not pair it with the view.
+    pub further: bool,
     /// Places in both views.
     pub matches: Vec<Match>,
 }
@@ -106,16 +109,67 @@ pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<Strin
     }
 }
 
-/// The pairs of a view in all recordings, with the view on the right.
-pub fn links<'a>(view: &str, shown: &'a [Shown]) -> Vec<Link<'a>> {
-    let all = shown.iter().enumerate().flat_map(|(k, shown)| shown.checks.iter().map(move |one| (k, one)));
-    all.filter_map(|(recording, examined)| link(view, recording, examined)).collect()
+/// Of each recording the view with cameras that the rig file does not pair with it under the same projector: they say where it stands as well, and
+/// from other sides. Those that a pair without the view shows to have moved say nothing.
+pub fn further(
+    view: &str,
+    shown: &[Shown],
+    rig_file: &RigFile,
+    covariance: Option<&Covariance>,
+    settings: &HealthSettings,
+) -> Result<Vec<Vec<Examined>>> {
+    let has = |check: &PairCheck, name: &str| check.left == name || check.right == name;
+    let checks = || shown.iter().flat_map(|shown| &shown.checks).map(|(check, _)| check);
+    let moved =
+        |name: &str| checks().any(|check| has(check, name) && !has(check, view) && !check.health.healthy);
+    let in_recording = |shown: &Shown| {
+        // Decoded anew: the phases of all recordings at once may not fit the memory.
+        let seen = Seen::new(&shown.recording, rig_file)?;
+        let sees = |projector: &str| seen.both_axes().any(|lit| lit == (projector, view));
+        let known = |projector: &str, camera: &str| {
+            let same =
+                |check: &PairCheck| check.projector == projector && has(check, camera) && has(check, view);
+            shown.checks.iter().any(|(check, _)| same(check))
+        };
+        let wanted = seen.both_axes().filter(|(projector, camera)| {
+            *camera != view && sees(projector) && !known(projector, camera) && !moved(camera)
+        });
+        let pairs = wanted.map(|(projector, camera)| Pair {
+            name: format!("{camera}-{view} under {projector}"),
+            left: camera.to_owned(),
+            right: view.to_owned(),
+            projector: projector.to_owned(),
+        });
+        let found =
+            pairs.map(|pair| seen.check(&pair, covariance, settings)).filter(|one| !shows_little(one));
+        found.collect::<Result<Vec<_>>>()
+    };
+    shown.iter().map(in_recording).collect()
 }
 
-fn link<'a>(view: &str, recording: usize, (check, matches): &'a Examined) -> Option<Link<'a>> {
-    if check.right == view {
-        return Some(Link { recording, check, partner: &check.left, matches: matches.clone() });
-    }
-    let turned = || matches.iter().copied().map(Match::turned).collect();
-    (check.left == view).then(|| Link { recording, check, partner: &check.right, matches: turned() })
+/// Whether two cameras have too few places in common to say anything.
+fn shows_little(found: &Result<Examined>) -> bool {
+    let error = found.as_ref().err().and_then(|error| error.downcast_ref());
+    matches!(error, Some(HealthError::TooFew { .. } | HealthError::Degenerate))
+}
+
+/// The pairs of a view in all recordings, and those with further cameras, with the view on the right.
+pub fn links<'a>(view: &str, shown: &'a [Shown], further: &'a [Vec<Examined>]) -> Vec<Link<'a>> {
+    let own = shown.iter().map(|shown| &shown.checks).enumerate().map(|of| (of, false));
+    let all = own.chain(further.iter().enumerate().map(|of| (of, true)));
+    let link = |((recording, checks), further): ((usize, &'a Vec<Examined>), bool)| {
+        checks.iter().filter_map(move |examined| link(view, recording, examined, further))
+    };
+    all.flat_map(link).collect()
+}
+
+fn link<'a>(view: &str, recording: usize, (check, matches): &'a Examined, further: bool) -> Option<Link<'a>> {
+    let (partner, matches) = if check.right == view {
+        (&check.left, matches.clone())
+    } else if check.left == view {
+        (&check.right, matches.iter().copied().map(Match::turned).collect())
+    } else {
+        return None;
+    };
+    Some(Link { recording, check, partner, further, matches })
 }

@@ -110,12 +110,34 @@ pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -
             simple.limit
         ));
     }
-    for PairAfter { name, recording, before_px, rms_px, .. } in after {
-        let place = match shown {
-            [_] => String::new(),
-            _ => format!("{}: ", shown[*recording].recording.folder.display()),
-        };
-        lines.push(format!("{place}{name}: drift {before_px:.4} px rms before, {rms_px:.4} px after"));
+    let several = shown.len() > 1;
+    for (number, shown) in shown.iter().enumerate() {
+        let place = if several { format!("{}: ", shown.recording.folder.display()) } else { String::new() };
+        lines.extend(of_pairs(&place, after.iter().filter(|pair| pair.recording == number)));
+    }
+    lines
+}
+
+/// What the pairs of one recording show before and after: one line for each pair of the rig file, and one for all further cameras.
+fn of_pairs<'a>(place: &str, after: impl Iterator<Item = &'a PairAfter>) -> Vec<String> {
+    let (further, own): (Vec<&PairAfter>, Vec<&PairAfter>) = after.partition(|pair| pair.further);
+    let line = |pair: &&PairAfter| {
+        format!(
+            "{place}{}: drift {:.4} px rms before, {:.4} px after",
+            pair.name, pair.before_px, pair.rms_px
+        )
+    };
+    let mut lines: Vec<String> = own.iter().map(line).collect();
+    let worst = |of: fn(&PairAfter) -> f64| further.iter().map(|pair| of(pair)).fold(0.0, f64::max);
+    match further.as_slice() {
+        [] => {}
+        [only] => lines.push(line(only)),
+        several => lines.push(format!(
+            "{place}{} pairs with further cameras: drift up to {:.4} px rms before, up to {:.4} px after",
+            several.len(),
+            worst(|pair| pair.before_px),
+            worst(|pair| pair.rms_px)
+        )),
     }
     lines
 }

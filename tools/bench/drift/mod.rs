@@ -17,9 +17,9 @@ use recorded::{Fringes, LENGTH, PLACES, Recorded};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The camera that drifts, and what sees the same places: the other camera of its pair, and both projectors.
+/// The camera that drifts, and what sees the same places: the other camera of its pair, both projectors, and the other cameras.
 const VIEW: &str = "cam2";
-const PARTNERS: [&str; 3] = ["cam1", "proj1", "proj2"];
+const PARTNERS: [&str; 5] = ["cam1", "proj1", "proj2", "cam3", "cam4"];
 
 #[derive(clap::Args)]
 pub struct Args {

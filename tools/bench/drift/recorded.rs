@@ -35,11 +35,25 @@ pub(super) const PLACES: [([f64; 3], [f64; 3]); 9] = [
     ([-20.0, 20.0, 0.0], [0.0, 20.0, 25.0]),
 ];
 
+/// What the view has with each partner: the partner's number, that of the projector that lights both, and whether the rig has the pair.
+const LINKS: [(usize, usize, bool); 8] = [
+    (0, 1, true),
+    (1, 1, true),
+    (2, 2, true),
+    // Cameras that the rig does not pair with the view.
+    (3, 1, false),
+    (4, 1, false),
+    (0, 2, false),
+    (3, 2, false),
+    (4, 2, false),
+];
+
 /// One recording of the part, along both axes.
 pub struct Recorded {
+    /// Of both cameras of the pair that measures.
     maps: [Vec<PhaseMap>; 2],
-    /// Matches with each partner, the view on the right.
-    matches: [Vec<Match>; PARTNERS.len()],
+    /// Matches of each of [`LINKS`], the view on the right.
+    matches: Vec<Vec<Match>>,
     world_from_part: Isometry3<f64>,
 }
 
@@ -56,19 +70,26 @@ impl Recorded {
                 .with_context(|| format!("{camera} under {projector}, place {place}, cycle {cycle}"))
         };
         let [one, two, other] = [maps("cam1", "proj1")?, maps(VIEW, "proj1")?, maps(VIEW, "proj2")?];
-        let ([lx, ly], [rx, ry]) = (both(&one)?, both(&two)?);
-        let projected = |maps: &[PhaseMap]| {
-            let [x, y] = both(maps)?;
-            let found = match_projector([&x, &y])?.matches;
-            Ok::<_, anyhow::Error>(found.into_iter().map(Match::turned).collect())
-        };
-        let matches = [match_views([&lx, &ly], [&rx, &ry])?.matches, projected(&two)?, projected(&other)?];
+        let matches = LINKS.iter().map(|(partner, projector, _)| {
+            let (name, lit_by) = (PARTNERS[*partner], PARTNERS[*projector]);
+            let view = if lit_by == "proj1" { both(&two)? } else { both(&other)? };
+            let [vx, vy] = &view;
+            if partner == projector {
+                let found = match_projector([vx, vy])?.matches;
+                return Ok(found.into_iter().map(Match::turned).collect());
+            }
+            let theirs = if (name, lit_by) == ("cam1", "proj1") { one.clone() } else { maps(name, lit_by)? };
+            let [x, y] = both(&theirs)?;
+            Ok(match_views([&x, &y], [vx, vy])?.matches)
+        });
+        let matches = matches.collect::<Result<_>>()?;
         Ok(Self { maps: [one, two], matches, world_from_part })
     }
 
-    /// Whether all pairs of the view are healthy with it in a state.
+    /// Whether all pairs of the view that the rig has are healthy with it in a state.
     pub fn healthy(&self, calibrated: &Calibrated, view: &Camera, settings: &HealthSettings) -> Result<bool> {
-        for (name, matches) in PARTNERS.iter().zip(&self.matches) {
+        for ((partner, _, _), matches) in LINKS.iter().zip(&self.matches).filter(|((.., own), _)| *own) {
+            let name = PARTNERS[*partner];
             let covariance = calibrated.covariance(name, VIEW)?;
             if !check_pair(calibrated.device(name)?, view, matches, Some(&covariance), settings)?.healthy {
                 return Ok(false);
@@ -79,13 +100,17 @@ impl Recorded {
 
     /// The partners of the view with their matches; the rig measures with the first.
     pub fn partners<'a>(&'a self, calibrated: &'a Calibrated) -> Result<Vec<Partner<'a>>> {
-        let one = |(i, name): (usize, &&str)| {
-            let fixed = calibrated.device(name)?;
-            // The first projector lights both cameras.
-            let lit_by = if i == 0 { Some((calibrated.device(PARTNERS[1])?, 1)) } else { None };
-            Ok(Partner { fixed, device: i, matches: &self.matches[i], lit_by, measures: i == 0 })
+        let one = |(i, (partner, projector, _)): (usize, &(usize, usize, bool))| {
+            let lit_by = Some((calibrated.device(PARTNERS[*projector])?, *projector));
+            Ok(Partner {
+                fixed: calibrated.device(PARTNERS[*partner])?,
+                device: *partner,
+                matches: &self.matches[i],
+                lit_by: lit_by.filter(|_| partner != projector),
+                measures: i == 0,
+            })
         };
-        PARTNERS.iter().enumerate().map(one).collect()
+        LINKS.iter().enumerate().map(one).collect()
     }
 
     /// The length standard as the pair measures it with the view in a state, with its uncertainty, mm.

@@ -60,7 +60,7 @@ pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
 pub use lengths::MeasuredLength;
 pub use lens_choice::{LensChoice, TriedLens, choose_lens};
 pub use maps::{MapGrid, UncertaintyMap};
-pub(crate) use model::{moved, rotation, rotation_vector};
+pub(crate) use model::{Ideal, moved, rotation, rotation_vector};
 pub use modes::{Mode, modes};
 pub use observations::{Device, DeviceKind, Face, ImagePoint, Link, Observations, View};
 pub use predict::PointUncertainty;

@@ -15,7 +15,9 @@
 use super::observations::{ImagePoint, Observations};
 use fringe::geometry::camera::Camera;
 use fringe::math;
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, Point2, Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix2x3, Matrix3, Point2, Point3, Quaternion, UnitQuaternion, Vector2, Vector3,
+};
 
 /// Intrinsic parameters of a device before its pose.
 pub(super) const INTRINSIC: usize = 10;
@@ -308,6 +310,29 @@ fn intrinsic_rows(
     let by_ideal = nalgebra::Matrix2::new(fx, camera.skew, 0.0, fy) * camera.distortion.jacobian(ideal);
     let perspective = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / seen.z;
     Some((camera.pixel_from_distorted(distorted), by_ideal * perspective))
+}
+
+/// The ideal point of a pixel, with its derivatives.
+pub(crate) struct Ideal {
+    /// Coordinates without the lens, at distance 1.
+    pub at: Vector2<f64>,
+    /// By the pixel, 1/px.
+    pub by_pixel: Matrix2<f64>,
+    /// By the intrinsic parameters of the device, the pixel fixed; 0 by its pose.
+    pub by: [Vector2<f64>; DEVICE],
+}
+
+impl Ideal {
+    /// Of a pixel as seen; `None` where the lens model folds over.
+    pub fn new(camera: &Camera, pixel: Point2<f64>) -> Option<Self> {
+        let at = camera.normalised_from_pixel(pixel)?;
+        let mut rows = [[0.0; LOCAL]; 2];
+        let (_, by_point) = intrinsic_rows(camera, &Vector3::new(at.x, at.y, 1.0), &mut rows)?;
+        let by_pixel = by_point.fixed_columns::<2>(0).into_owned().try_inverse()?;
+        // What a parameter adds to the pixel of a point, the point must take back.
+        let by = std::array::from_fn(|k| -(by_pixel * Vector2::new(rows[0][k], rows[1][k])));
+        Some(Self { at, by_pixel, by })
+    }
 }
 
 /// Derivatives of a world point's pixel by the parameters of its device, and by the point (px/mm); `None` behind it.

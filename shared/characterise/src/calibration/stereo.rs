@@ -3,11 +3,11 @@
 //! Rectifying rotations and the baseline frame stand in [`fringe::rectify`].
 
 use super::covariance::Gauge;
-use super::model::{DEVICE, FURTHER, INTRINSIC, POSE, compose};
+use super::model::{DEVICE, FURTHER, INTRINSIC, Ideal, POSE, compose};
 use super::result::{Calibration, Residual, ViewReport};
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::Dense;
-use nalgebra::{Isometry3, Matrix3, Point2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Vector2, Vector3};
 
 /// Right from left with its matrices; pixels for `fundamental` are without distortion.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,21 +67,20 @@ impl StereoGeometry {
     /// Signed first-order distance of a pair of pixels (as seen, distorted) from fulfilling the epipolar constraint, px
     /// (Sampson); `None` where a lens model folds over or the points are the epipoles.
     pub fn epipolar_error_px(&self, left: Point2<f64>, right: Point2<f64>) -> Option<f64> {
-        self.straight_error_px(&self.straight_left(left)?, &self.straight_right(right)?)
+        self.ideal_error_px(self.left.normalised_from_pixel(left)?, self.right.normalised_from_pixel(right)?)
     }
 
-    /// A left pixel without the lens's distortion, homogeneous; `None` where the lens model folds over.
-    pub(crate) fn straight_left(&self, pixel: Point2<f64>) -> Option<Vector3<f64>> {
-        straight(&self.left, pixel)
+    /// The ideal points of a pair of pixels with their derivatives; `None` where a lens model folds over.
+    pub(crate) fn ideal(&self, left: Point2<f64>, right: Point2<f64>) -> Option<[Ideal; 2]> {
+        Some([Ideal::new(&self.left, left)?, Ideal::new(&self.right, right)?])
     }
 
-    /// The same of a right pixel.
-    pub(crate) fn straight_right(&self, pixel: Point2<f64>) -> Option<Vector3<f64>> {
-        straight(&self.right, pixel)
+    /// [`Self::epipolar_error_px`] of the pixels that a lens without distortion would give ideal points.
+    pub(crate) fn ideal_error_px(&self, left: Vector2<f64>, right: Vector2<f64>) -> Option<f64> {
+        self.straight_error_px(&straight(&self.left, left), &straight(&self.right, right))
     }
 
-    /// [`Self::epipolar_error_px`] of pixels without distortion.
-    pub(crate) fn straight_error_px(&self, left: &Vector3<f64>, right: &Vector3<f64>) -> Option<f64> {
+    fn straight_error_px(&self, left: &Vector3<f64>, right: &Vector3<f64>) -> Option<f64> {
         let (in_right, in_left) = (self.fundamental * left, self.fundamental.transpose() * right);
         let slope = (in_right.xy().norm_squared() + in_left.xy().norm_squared()).sqrt();
         let error = right.dot(&in_right) / slope;
@@ -89,9 +88,9 @@ impl StereoGeometry {
     }
 }
 
-fn straight(camera: &Camera, pixel: Point2<f64>) -> Option<Vector3<f64>> {
-    let ideal = camera.normalised_from_pixel(pixel)?;
-    Some(camera.matrix() * Vector3::new(ideal.x, ideal.y, 1.0))
+/// The pixel of an ideal point without the lens's distortion, homogeneous.
+fn straight(camera: &Camera, ideal: Vector2<f64>) -> Vector3<f64> {
+    camera.matrix() * Vector3::new(ideal.x, ideal.y, 1.0)
 }
 
 /// K⁻¹ in closed form: K is upper triangular.

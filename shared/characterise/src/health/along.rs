@@ -3,10 +3,10 @@
 use super::matches::{Lit, Match};
 use super::parameters::{COUNT, step};
 use super::rows::{CAUSES, LEAST_SIGMA_PX, Row, own_causes, tile};
-use crate::calibration::{PARAMETERS, moved};
-use fringe::geometry::camera::Camera;
+use crate::calibration::{Ideal, PARAMETERS, moved};
+use fringe::geometry::camera::{Camera, Ray};
 use fringe::geometry::triangulate::{midpoint, project_with_jacobian};
-use nalgebra::{Point3, RowVector2, RowVector3, Vector2};
+use nalgebra::{Point3, RowVector2, RowVector3, Vector2, Vector3};
 use rayon::prelude::*;
 
 /// A residual of three views: the partner, the projector, the view.
@@ -29,6 +29,12 @@ fn sides(camera: &Camera) -> Vec<(Camera, Camera, f64)> {
     (0..COUNT).map(side).collect()
 }
 
+/// The line of sight of an ideal point.
+fn ray(camera: &Camera, ideal: Vector2<f64>) -> Ray {
+    let direction = camera.camera_from_world.rotation.inverse() * Vector3::new(ideal.x, ideal.y, 1.0);
+    Ray { origin_mm: camera.centre_mm(), direction: direction.normalize() }
+}
+
 /// Three views, of which two fix places in space.
 struct Three<'a> {
     left: &'a Camera,
@@ -40,7 +46,8 @@ struct Three<'a> {
 
 impl Three<'_> {
     fn row(&self, m: &Match, lit: &Lit) -> Option<AlongRow> {
-        let (left, beam) = (self.left.ray(m.left)?, self.projector.ray(lit.pixel)?);
+        let (seen_by_left, lit_by) = (Ideal::new(self.left, m.left)?, Ideal::new(self.projector, lit.pixel)?);
+        let (left, beam) = (ray(self.left, seen_by_left.at), ray(self.projector, lit_by.at));
         let place = midpoint(&left, &beam)?;
         let (seen, jacobian) = project_with_jacobian(self.view, &place)?;
         // The place moves along the ray of the left view where its depth is wrong.
@@ -50,19 +57,23 @@ impl Three<'_> {
         let mut file = [0.0; 3 * COUNT];
         let [of_left, of_projector, of_view] = &self.sides;
         for k in 0..COUNT {
-            let (low, high, width) = &of_left[k];
-            file[k] =
-                change(midpoint(&low.ray(m.left)?, &beam)?, midpoint(&high.ray(m.left)?, &beam)?) / width;
-            let (low, high, width) = &of_projector[k];
-            file[COUNT + k] =
-                change(midpoint(&left, &low.ray(lit.pixel)?)?, midpoint(&left, &high.ray(lit.pixel)?)?)
-                    / width;
+            // Another lens shows another ideal point at the same pixel.
+            let moved = |sides: &(Camera, Camera, f64), ideal: &Ideal| {
+                let (low, high, width) = sides;
+                let beside = ideal.by[k] * (0.5 * width);
+                (ray(low, ideal.at - beside), ray(high, ideal.at + beside), *width)
+            };
+            let (low, high, width) = moved(&of_left[k], &seen_by_left);
+            file[k] = change(midpoint(&low, &beam)?, midpoint(&high, &beam)?) / width;
+            let (low, high, width) = moved(&of_projector[k], &lit_by);
+            file[COUNT + k] = change(midpoint(&left, &low)?, midpoint(&left, &high)?) / width;
             let (low, high, width) = &of_view[k];
             file[2 * COUNT + k] = -(along * (high.project(&place)? - low.project(&place)?))[0] / width;
         }
         let beside = |axis: usize| {
-            let at = |by: f64| midpoint(&left, &self.projector.ray(lit.pixel + Vector2::ith(axis, by))?);
-            Some(change(at(-PIXEL_STEP)?, at(PIXEL_STEP)?) / (2.0 * PIXEL_STEP))
+            let step = lit_by.by_pixel.column(axis) * PIXEL_STEP;
+            let at = |ideal: Vector2<f64>| midpoint(&left, &ray(self.projector, ideal));
+            Some(change(at(lit_by.at - step)?, at(lit_by.at + step)?) / (2.0 * PIXEL_STEP))
         };
         let by_pixel = RowVector2::new(beside(0)?, beside(1)?);
         let variance = along * m.covariance_px2 * along.transpose()

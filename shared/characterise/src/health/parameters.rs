@@ -1,10 +1,9 @@
 //! The parameters of both views of a pair, and how an epipolar residual answers to them.
 
 use super::HealthError;
-use super::state::POSE;
 use crate::calibration::{PARAMETERS, StereoGeometry, moved};
 use fringe::geometry::camera::Camera;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
 /// Parameters of a view.
 pub(super) const COUNT: usize = PARAMETERS.len();
@@ -70,15 +69,6 @@ struct Sides {
     high: StereoGeometry,
     /// The higher value less the lower one.
     width: f64,
-    moves: Moves,
-}
-
-/// Whose pixels without distortion a parameter moves: most of the time goes into finding these.
-enum Moves {
-    Left,
-    Right,
-    /// A pose moves none.
-    Neither,
 }
 
 impl Sensitivity {
@@ -94,14 +84,8 @@ impl Sensitivity {
             }
         };
         let side = |place: usize| {
-            let name = PARAMETERS[place % COUNT];
-            let step = step(name);
-            let moves = match (POSE.contains(&name), place < COUNT) {
-                (true, _) => Moves::Neither,
-                (false, true) => Moves::Left,
-                (false, false) => Moves::Right,
-            };
-            Sides { low: geometry(place, -step), high: geometry(place, step), width: 2.0 * step, moves }
+            let step = step(PARAMETERS[place % COUNT]);
+            Sides { low: geometry(place, -step), high: geometry(place, step), width: 2.0 * step }
         };
         Self { middle: StereoGeometry::new(left, right), sides: (0..2 * COUNT).map(side).collect() }
     }
@@ -113,26 +97,91 @@ impl Sensitivity {
 
     /// `None` where a lens model folds over.
     pub fn at(&self, left: Point2<f64>, right: Point2<f64>) -> Option<Answer> {
-        let straight = (self.middle.straight_left(left)?, self.middle.straight_right(right)?);
-        let error_px = self.middle.straight_error_px(&straight.0, &straight.1)?;
+        let ideal = self.middle.ideal(left, right)?;
+        let [l, r] = [ideal[0].at, ideal[1].at];
+        let error_px = self.middle.ideal_error_px(l, r)?;
         let mut slope = [0.0; 2];
         for (axis, slope) in slope.iter_mut().enumerate() {
-            let beside = |by: f64| {
-                let mut moved = right;
-                moved[axis] += by;
-                self.middle.straight_error_px(&straight.0, &self.middle.straight_right(moved)?)
-            };
-            *slope = (beside(PIXEL_STEP)? - beside(-PIXEL_STEP)?) / (2.0 * PIXEL_STEP);
+            let beside = ideal[1].by_pixel.column(axis) * PIXEL_STEP;
+            let error = |ideal: Vector2<f64>| self.middle.ideal_error_px(l, ideal);
+            *slope = (error(r + beside)? - error(r - beside)?) / (2.0 * PIXEL_STEP);
         }
         let mut by = [0.0; 2 * COUNT];
-        for (by, sides) in by.iter_mut().zip(&self.sides) {
-            let error = |geometry: &StereoGeometry| match sides.moves {
-                Moves::Left => geometry.straight_error_px(&geometry.straight_left(left)?, &straight.1),
-                Moves::Right => geometry.straight_error_px(&straight.0, &geometry.straight_right(right)?),
-                Moves::Neither => geometry.straight_error_px(&straight.0, &straight.1),
-            };
-            *by = (error(&sides.high)? - error(&sides.low)?) / sides.width;
+        for (place, (by, sides)) in by.iter_mut().zip(&self.sides).enumerate() {
+            // Another lens shows another ideal point at this pixel. To invert it for each parameter took most of the time.
+            let beside = ideal[place / COUNT].by[place % COUNT] * (0.5 * sides.width);
+            let (of_left, of_right) =
+                if place < COUNT { (beside, Vector2::zeros()) } else { (Vector2::zeros(), beside) };
+            let (low, high) = (
+                sides.low.ideal_error_px(l - of_left, r - of_right)?,
+                sides.high.ideal_error_px(l + of_left, r + of_right)?,
+            );
+            *by = (high - low) / sides.width;
         }
         Some(Answer { error_px, slope, by })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::geometry::camera::{Lens, pose};
+    use fringe::geometry::lens::LensKind;
+    use nalgebra::UnitQuaternion;
+
+    fn camera(aside_mm: f64, kind: LensKind) -> Camera {
+        let mut coefficients =
+            [-0.08, 0.05, 0.01, 2e-4, -1.5e-4, 0.02, 0.01, 0.003, 1e-3, -2e-3, -1e-3, 5e-4];
+        if kind == LensKind::BrownConrady {
+            coefficients[5..].fill(0.0);
+        }
+        let turn = UnitQuaternion::from_euler_angles(0.02, -aside_mm / 500.0, 0.1).to_rotation_matrix();
+        let row = |i: usize| [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)]];
+        Camera {
+            width_px: 1124,
+            height_px: 750,
+            focal_px: [2330.0, 2329.0],
+            principal_point_px: [560.0, 372.0],
+            skew: 0.3,
+            distortion: Lens::from_coefficients(kind, coefficients),
+            camera_from_world: pose([row(0), row(1), row(2)], [aside_mm, 3.0, 500.0]).unwrap(),
+        }
+    }
+
+    /// Beside pairs whose lens is inverted anew for each parameter, which is what the derivatives stand for.
+    #[test]
+    fn derivatives_are_those_of_pairs_whose_parameters_moved() {
+        for kind in [LensKind::BrownConrady, LensKind::Rational, LensKind::ThinPrism] {
+            let cameras = [camera(-60.0, kind), camera(70.0, kind)];
+            let sensitivity = Sensitivity::new(&cameras[0], &cameras[1]);
+            for (left, right) in [([100.0, 90.0], [130.0, 95.0]), ([900.0, 600.0], [870.0, 610.0])] {
+                let (left, right) = (Point2::from(left), Point2::from(right));
+                let answer = sensitivity.at(left, right).unwrap();
+                let error = |cameras: &[Camera; 2], right: Point2<f64>| {
+                    StereoGeometry::new(&cameras[0], &cameras[1]).epipolar_error_px(left, right).unwrap()
+                };
+                assert!((answer.error_px - error(&cameras, right)).abs() < 1e-9);
+                for (axis, slope) in answer.slope.into_iter().enumerate() {
+                    let at = |by: f64| error(&cameras, right + Vector2::ith(axis, by));
+                    assert!((slope - (at(0.01) - at(-0.01)) / 0.02).abs() < 1e-6, "{kind:?} {axis}");
+                }
+                for (place, by) in answer.by.into_iter().enumerate() {
+                    let size = step(PARAMETERS[place % COUNT]);
+                    let at = |by: f64| {
+                        let mut steps = [0.0; COUNT];
+                        steps[place % COUNT] = by;
+                        let mut moved_cameras = cameras.clone();
+                        moved_cameras[place / COUNT] = moved(&cameras[place / COUNT], &steps);
+                        error(&moved_cameras, right)
+                    };
+                    let brute = (at(size) - at(-size)) / (2.0 * size);
+                    assert!(
+                        (by - brute).abs() < 1e-5 * brute.abs().max(1e-3),
+                        "{kind:?} {place} {}: {by} beside {brute}",
+                        PARAMETERS[place % COUNT]
+                    );
+                }
+            }
+        }
     }
 }

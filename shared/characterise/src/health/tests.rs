@@ -94,7 +94,8 @@ fn a_drift_is_named_measured_and_its_uncertainty_holds() {
         let best = &health.drift.causes[0];
         assert!(!health.healthy && best.name == name && best.explains > 0.98, "{name}: {health:?}");
         assert!((best.value - truth).abs() < 4.0 * best.u + 2e-3 * truth.abs(), "{name}: {best:?}");
-        assert!(best.u_noise <= best.u && best.u < 0.05 * truth.abs(), "{name}: {best:?}");
+        // Without a calibration both are the same, up to rounding.
+        assert!(best.u_noise <= best.u * (1.0 + 1e-12) && best.u < 0.05 * truth.abs(), "{name}: {best:?}");
         assert!((health.rms_after_px / 0.02 - 0.71).abs() < 0.1, "{name}: {health:?}");
     }
 }

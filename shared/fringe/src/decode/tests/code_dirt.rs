@@ -3,6 +3,7 @@
 use super::*;
 
 /// A surface, fringes and a code; [`Coded::new`] makes a wavy one with a step.
+#[derive(Clone)]
 pub(super) struct Coded {
     pub scene: Scene,
     pub sequence: Vec<PatternSet>,
@@ -122,11 +123,13 @@ fn clean_codes_have_no_fault() {
 #[test]
 fn wrong_frames_of_a_code_are_named_and_made_up_for() {
     for (stripe, inverse, levels) in [(0.5, false, true), (0.5, false, false), (1.0, true, false)] {
-        let (_, _, valid) = Coded::new(4, stripe, inverse, levels).decode().unwrap();
+        // To draw the frames takes as long as to decode them.
+        let clean = Coded::new(4, stripe, inverse, levels);
+        let (_, _, valid) = clean.decode().unwrap();
         for kind in ["black", "blurred", "shifted", "twice", "swapped", "inverse", "brighter", "dimmer"] {
             for bit in 2..BITS as usize {
                 let name = format!("{kind} {bit}, stripe {stripe}, inverse {inverse}, levels {levels}");
-                let mut coded = Coded::new(4, stripe, inverse, levels);
+                let mut coded = clean.clone();
                 coded.spoil(kind, bit);
                 let (findings, wrong, left) =
                     coded.decode().unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -197,14 +200,14 @@ fn a_wrong_frame_of_a_code_does_not_reach_the_next_sequence() {
 #[test]
 fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
     let clean = [true, false].map(|inverse| {
-        let (findings, before, valid) = Coded::alone(inverse).decode().unwrap();
+        let coded = Coded::alone(inverse);
+        let (findings, before, valid) = coded.decode().unwrap();
         assert!(findings.is_empty(), "{findings:?}");
-        (before, valid)
+        (coded, before, valid)
     });
     for kind in ["black", "inverse", "swapped", "twice"] {
         for bit in 3..5 {
-            let (before, valid) = clean[0];
-            let mut coded = Coded::alone(true);
+            let (mut coded, before, valid) = clean[0].clone();
             coded.spoil(kind, bit);
             let (findings, wrong, left) =
                 coded.decode().unwrap_or_else(|error| panic!("{kind} {bit}: {error}"));
@@ -216,8 +219,7 @@ fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
                 wrong <= before + 64 && left * 100 > valid * 95,
                 "{kind} {bit}: {wrong} ({before}), {left} of {valid}"
             );
-            let (before, _) = clean[1];
-            let mut coded = Coded::alone(false);
+            let (mut coded, before, _) = clean[1].clone();
             coded.spoil(kind, bit);
             match coded.decode() {
                 // Exchanged frames are put back, an inverse is turned.
@@ -240,12 +242,13 @@ fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
 #[test]
 fn a_shifted_frame_of_a_code_without_fringes_is_moved_back() {
     for inverse in [false, true] {
+        let mut clean = Coded::new(4, 0.5, inverse, !inverse);
+        clean.sequence.remove(0);
+        clean.frames = clean.scene.frames(&clean.sequence);
+        let (findings, before, valid) = clean.decode().unwrap();
+        assert!(findings.is_empty(), "{findings:?}");
         for (bit, by) in [(1, [14, 0]), (2, [-12, 6]), (3, [19, -8])] {
-            let mut coded = Coded::new(4, 0.5, inverse, !inverse);
-            coded.sequence.remove(0);
-            coded.frames = coded.scene.frames(&coded.sequence);
-            let (findings, before, valid) = coded.decode().unwrap();
-            assert!(findings.is_empty(), "{findings:?}");
+            let mut coded = clean.clone();
             let old = coded.values(bit);
             coded.put(bit, |i| {
                 let (row, column) = ((i / 320) as i32 - by[1], (i % 320) as i32 - by[0]);
