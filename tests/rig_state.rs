@@ -2,7 +2,7 @@
 
 use crate::support::{Ran, Small, fringetool, root};
 use files::rig_file::{read_rig, write_rig};
-use fringe::geometry::rig::Rig;
+use fringe::geometry::rig::{Pair, Rig};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -13,6 +13,8 @@ const SIZE_PX: (u32, u32) = (336, 224);
 struct Lit {
     folder: TempDir,
     size_px: (u32, u32),
+    /// Whether a third camera and the projector are a pair of the rig.
+    side: bool,
 }
 
 impl Lit {
@@ -22,20 +24,29 @@ impl Lit {
 
     /// With cameras of a size, and so many steps of the phase.
     fn of(size_px: (u32, u32), steps: u32) -> Self {
-        let lit = Self { folder: TempDir::new().unwrap(), size_px };
+        Self::seen_by(size_px, steps, &["cam1", "cam2"])
+    }
+
+    /// Seen by these cameras, of which the first two are a pair, and a third one with the projector.
+    fn seen_by(size_px: (u32, u32), steps: u32, cameras: &[&str]) -> Self {
+        let pairs = &["pair1", "side"][..cameras.len() - 1];
+        let drivers: Vec<String> =
+            cameras.iter().map(|name| format!("{{ name = \"{name}\", driver = \"twin\" }}")).collect();
+        let drivers = drivers.join(", ");
+        let lit = Self { folder: TempDir::new().unwrap(), size_px, side: pairs.len() > 1 };
         lit.write_rig("rig.toml", |_| ());
         let scene = root().join("configs/complex-artefact.scene.toml");
         let cell = format!(
             r#"format = "fringecell-config/1"
 name = "lit"
 rig = "rig.toml"
-pairs = ["pair1"]
-projector = [{{ name = "proj1", driver = "twin", width_px = 608, height_px = 684, cameras = ["cam1", "cam2"], sequence = [
+pairs = {pairs:?}
+projector = [{{ name = "proj1", driver = "twin", width_px = 608, height_px = 684, cameras = {cameras:?}, sequence = [
   {{ set = "sine", axis = "x", period_px = 16.0, steps = {steps} }}, {{ set = "gray", axis = "x", bits = 7, stripe_px = 8.0 }},
   {{ set = "sine", axis = "y", period_px = 16.0, steps = {steps} }}, {{ set = "gray", axis = "y", bits = 7, stripe_px = 8.0 }},
   {{ set = "white" }}, {{ set = "black" }},
 ] }}]
-camera = [{{ name = "cam1", driver = "twin" }}, {{ name = "cam2", driver = "twin" }}]
+camera = [{drivers}]
 [twin]
 scene = {:?}
 "#,
@@ -53,6 +64,9 @@ scene = {:?}
     /// The twin's rig, changed.
     fn write_rig(&self, name: &str, change: impl FnOnce(&mut Rig)) {
         let mut rig = twin::thesis::rig(self.size_px.0, self.size_px.1);
+        let [side, left, right] = ["side", "cam3", "proj1"].map(str::to_owned);
+        let side = Pair { name: side, left, right: right.clone(), projector: right };
+        rig.pairs.extend(self.side.then_some(side));
         change(&mut rig);
         write_rig(self.path(name).as_ref(), &rig, &toml::Table::new(), None).unwrap();
     }
@@ -169,6 +183,38 @@ fn a_knocked_camera_is_mended_from_several_recordings_that_are_no_copies() {
     let true_rig = lit.path("rig.toml");
     let ran = fringetool(&["correct-rig", &rec, "--rig", &true_rig, "--out", &out, "--view", "cam9"]);
     assert!(ran.code == Some(2) && ran.stderr.contains("--view cam9"), "{}", ran.stderr);
+}
+
+/// A camera that the rig file does not pair with the knocked one says where that stands as well, unless it moved itself.
+#[test]
+fn a_further_camera_helps_to_mend_and_one_that_moved_too_is_no_partner() {
+    let lit = Lit::seen_by((1124, 750), 8, &["cam1", "cam2", "cam3"]);
+    let (rec, out, json) = (lit.path("rec"), lit.path("mended.toml"), lit.path("mended.json"));
+    let turn = |rig: &mut Rig, camera: usize, by_deg: f64| {
+        let camera = &mut rig.cameras[camera].camera;
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(by_deg.to_radians(), 0.0, 0.0);
+        camera.camera_from_world = turn * camera.camera_from_world;
+    };
+    lit.write_rig("one.toml", |rig| turn(rig, 1, 0.05));
+    lit.write_rig("two.toml", |rig| (turn(rig, 1, 0.05), turn(rig, 2, 0.05)).1);
+    let mend = |rig: &str| {
+        fringetool(&["correct-rig", &rec, "--rig", &lit.path(rig), "--out", &out, "--json", &json])
+    };
+    let two = mend("two.toml");
+    assert!(two.code == Some(2) && two.stderr.contains("more than one has drifted"), "{}", two.stderr);
+    assert!(!Path::new(&out).exists() && !Path::new(&json).exists());
+    let one = mend("one.toml").expect_success();
+    assert!(one.stdout.contains("cam3-cam2 under proj1: drift"), "{}", one.stdout);
+    let result: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let pair =
+        |name: &str| result["pairs"].as_array().unwrap().iter().find(|pair| pair["name"] == name).cloned();
+    assert_eq!(pair("cam3-cam2 under proj1").expect("the further camera")["healthy"], true);
+    let (found, u) = (result["drift"][0].as_f64().unwrap(), result["u_drift"][0].as_f64().unwrap());
+    assert!((found.to_degrees() + 0.05).abs() < 4.0 * u.to_degrees(), "{found} ± {u}");
+    // Named by hand, the view is corrected by what did not move, and cam3 stays out.
+    let named =
+        fringetool(&["correct-rig", &rec, "--rig", &lit.path("two.toml"), "--out", &out, "--view", "cam2"]);
+    assert!(!named.stdout.contains("cam3-cam2"), "{}{}", named.stdout, named.stderr);
 }
 
 /// A length counts where all pairs are healthy, and one that contradicts the residuals corrects nothing.
