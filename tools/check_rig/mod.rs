@@ -125,19 +125,28 @@ pub fn examine(
     covariance: Option<&Covariance>,
     settings: &HealthSettings,
 ) -> Result<(Vec<Examined>, Unchecked)> {
-    let seen = Seen::new(recording, rig_file)?;
-    let checks = seen.pairs.iter().map(|pair| seen.check(pair, covariance, settings));
-    Ok((checks.collect::<Result<_>>()?, seen.unchecked))
+    let (pairs, unchecked) = pairs(recording, rig_file)?;
+    let checks = check_pairs(recording, rig_file, &pairs, covariance, settings)?;
+    Ok((checks.into_iter().collect::<Result<_>>()?, unchecked))
 }
 
-/// What the cameras of a recording see, decoded.
-pub struct Seen<'a> {
-    recording: &'a Recording,
-    rig_file: &'a RigFile,
-    /// Pairs of the rig file, and cameras with their projectors, recorded along both axes.
-    pairs: Vec<Pair>,
-    unchecked: Unchecked,
-    views: Vec<DecodedView>,
+/// What the residuals of each pair of cameras, or of a camera and its projector, say; with its matches. Decodes what these pairs need.
+pub fn check_pairs(
+    recording: &Recording,
+    rig_file: &RigFile,
+    pairs: &[Pair],
+    covariance: Option<&Covariance>,
+    settings: &HealthSettings,
+) -> Result<Vec<Result<Examined>>> {
+    let lit = |projector: &str, camera: &str| {
+        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
+    };
+    let views = decode_views(recording, &DecodeSettings::default(), &rig_file.sensors(), lit)?;
+    let checks = pairs.iter().map(|pair| {
+        check(pair, rig_file, covariance, &views, settings)
+            .with_context(|| format!("{}: pair \"{}\"", recording.folder.display(), pair.name))
+    });
+    Ok(checks.collect())
 }
 
 fn check_files(args: &Args) -> Result<()> {
@@ -208,64 +217,34 @@ fn unchecked(
     all
 }
 
-impl<'a> Seen<'a> {
-    /// Decodes what the pairs of the rig need.
-    pub fn new(recording: &'a Recording, rig_file: &'a RigFile) -> Result<Self> {
-        let (pairs, unchecked) = pairs(recording, rig_file)?;
-        let lit = |projector: &str, camera: &str| {
-            pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
-        };
-        let views = decode_views(recording, &DecodeSettings::default(), &rig_file.sensors(), lit)?;
-        Ok(Self { recording, rig_file, pairs, unchecked, views })
-    }
-
-    /// Projectors and cameras that see them along both axes.
-    pub fn both_axes(&self) -> impl Iterator<Item = (&str, &str)> {
-        let both = |view: &&DecodedView| view.map(Axis::X).is_some() && view.map(Axis::Y).is_some();
-        self.views.iter().filter(both).map(|view| (view.projector.as_str(), view.camera.as_str()))
-    }
-
-    /// What the residuals of a pair of cameras, or of a camera and its projector, say; with its matches.
-    pub fn check(
-        &self,
-        pair: &Pair,
-        covariance: Option<&Covariance>,
-        settings: &HealthSettings,
-    ) -> Result<Examined> {
-        let found = self.check_pair(pair, covariance, settings);
-        found.with_context(|| format!("{}: pair \"{}\"", self.recording.folder.display(), pair.name))
-    }
-
-    /// The phases of a camera along both axes.
-    fn both(&self, projector: &str, camera: &str) -> Result<[PhaseView<'_>; 2]> {
-        let view = self.views.iter().find(|v| v.projector == projector && v.camera == camera);
+fn check(
+    pair: &Pair,
+    rig_file: &RigFile,
+    covariance: Option<&Covariance>,
+    views: &[DecodedView],
+    settings: &HealthSettings,
+) -> Result<Examined> {
+    let rig = &rig_file.rig;
+    let both = |camera: &str| -> Result<[PhaseView<'_>; 2]> {
+        let view = views.iter().find(|v| v.projector == pair.projector && v.camera == camera);
         let maps = view.and_then(|view| Some([view.map(Axis::X)?.view(), view.map(Axis::Y)?.view()]));
         maps.with_context(|| {
-            format!("projector \"{projector}\" is not seen by camera \"{camera}\" along both axes")
+            format!("projector \"{}\" is not seen by camera \"{camera}\" along both axes", pair.projector)
         })
-    }
-
-    fn check_pair(
-        &self,
-        pair: &Pair,
-        covariance: Option<&Covariance>,
-        settings: &HealthSettings,
-    ) -> Result<Examined> {
-        let rig = &self.rig_file.rig;
-        let [lx, ly] = self.both(&pair.projector, &pair.left)?;
-        let left = rig.camera(&pair.left).context("its left camera is not in the rig file")?;
-        let (right, found) = if let Some(right) = rig.camera(&pair.right) {
-            let [rx, ry] = self.both(&pair.projector, &pair.right)?;
-            (right, match_views([&lx, &ly], [&rx, &ry])?)
-        } else {
-            let right = rig.projector(&pair.right).context("its right view is not in the rig file")?;
-            (right, match_projector([&lx, &ly])?)
-        };
-        let covariance = covariance.and_then(|c| pair_covariance(c, pair));
-        let health = check_pair(left, right, &found.matches, covariance.as_ref(), settings)?;
-        let Pair { name, left, right, projector } = pair.clone();
-        Ok((PairCheck { name, left, right, projector, counts: found.counts, health }, found.matches))
-    }
+    };
+    let [lx, ly] = both(&pair.left)?;
+    let left = rig.camera(&pair.left).context("its left camera is not in the rig file")?;
+    let (right, found) = if let Some(right) = rig.camera(&pair.right) {
+        let [rx, ry] = both(&pair.right)?;
+        (right, match_views([&lx, &ly], [&rx, &ry])?)
+    } else {
+        let right = rig.projector(&pair.right).context("its right view is not in the rig file")?;
+        (right, match_projector([&lx, &ly])?)
+    };
+    let covariance = covariance.and_then(|c| pair_covariance(c, pair));
+    let health = check_pair(left, right, &found.matches, covariance.as_ref(), settings)?;
+    let Pair { name, left, right, projector } = pair.clone();
+    Ok((PairCheck { name, left, right, projector, counts: found.counts, health }, found.matches))
 }
 
 /// The part of the covariance that a pair needs; `None` where the calibration did not include one of its views.

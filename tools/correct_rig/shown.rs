@@ -1,7 +1,7 @@
 //! The recordings that a correction rests on, and the places that the drifted view shares with others in them.
 
 use super::Args;
-use crate::check_rig::{Examined, PairCheck, Seen, examine, suspects};
+use crate::check_rig::{Examined, PairCheck, check_pairs, examine, suspects};
 use anyhow::{Result, bail};
 use characterise::health::{HealthError, HealthSettings, Match};
 use files::plan_file::read_plan;
@@ -9,6 +9,7 @@ use files::recording::Recording;
 use files::rig_file::{Covariance, RigFile};
 use fringe::geometry::rig::Pair;
 use metrology::inspection::Plan;
+use std::collections::BTreeSet;
 
 /// A recording with what was found in it.
 pub struct Shown {
@@ -123,26 +124,36 @@ pub fn further(
     let moved =
         |name: &str| checks().any(|check| has(check, name) && !has(check, view) && !check.health.healthy);
     let in_recording = |shown: &Shown| {
-        // Decoded anew: the phases of all recordings at once may not fit the memory.
-        let seen = Seen::new(&shown.recording, rig_file)?;
-        let sees = |projector: &str| seen.both_axes().any(|lit| lit == (projector, view));
+        let checks = || shown.checks.iter().map(|(check, _)| check);
+        // Which camera saw which projector along both axes: all of these are in a pair that was checked.
+        let seen: BTreeSet<(&str, &str)> = checks()
+            .flat_map(|check| {
+                [&check.left, &check.right].map(|name| (check.projector.as_str(), name.as_str()))
+            })
+            .filter(|(_, name)| rig_file.rig.camera(name).is_some())
+            .collect();
         let known = |projector: &str, camera: &str| {
-            let same =
-                |check: &PairCheck| check.projector == projector && has(check, camera) && has(check, view);
-            shown.checks.iter().any(|(check, _)| same(check))
+            checks().any(|check| check.projector == projector && has(check, camera) && has(check, view))
         };
-        let wanted = seen.both_axes().filter(|(projector, camera)| {
-            *camera != view && sees(projector) && !known(projector, camera) && !moved(camera)
+        let wanted = seen.iter().filter(|(projector, camera)| {
+            *camera != view
+                && seen.contains(&(*projector, view))
+                && !known(projector, camera)
+                && !moved(camera)
         });
-        let pairs = wanted.map(|(projector, camera)| Pair {
+        let pair = |(projector, camera): &(&str, &str)| Pair {
             name: format!("{camera}-{view} under {projector}"),
-            left: camera.to_owned(),
+            left: (*camera).to_owned(),
             right: view.to_owned(),
-            projector: projector.to_owned(),
-        });
-        let found =
-            pairs.map(|pair| seen.check(&pair, covariance, settings)).filter(|one| !shows_little(one));
-        found.collect::<Result<Vec<_>>>()
+            projector: (*projector).to_owned(),
+        };
+        let pairs: Vec<Pair> = wanted.map(pair).collect();
+        if pairs.is_empty() {
+            return Ok(Vec::new());
+        }
+        // Decoded anew: the phases of all recordings at once may not fit the memory.
+        let found = check_pairs(&shown.recording, rig_file, &pairs, covariance, settings)?;
+        found.into_iter().filter(|one| !shows_little(one)).collect::<Result<Vec<_>>>()
     };
     shown.iter().map(in_recording).collect()
 }

@@ -48,6 +48,9 @@ const LINKS: [(usize, usize, bool); 8] = [
     (4, 2, false),
 ];
 
+/// Of [`LINKS`] the pair that the rig measures with.
+const MEASURES: (usize, usize) = (0, 1);
+
 /// One recording of the part, along both axes.
 pub struct Recorded {
     /// Of both cameras of the pair that measures.
@@ -71,16 +74,20 @@ impl Recorded {
         };
         let [one, two, other] = [maps("cam1", "proj1")?, maps(VIEW, "proj1")?, maps(VIEW, "proj2")?];
         let matches = LINKS.iter().map(|(partner, projector, _)| {
-            let (name, lit_by) = (PARTNERS[*partner], PARTNERS[*projector]);
-            let view = if lit_by == "proj1" { both(&two)? } else { both(&other)? };
-            let [vx, vy] = &view;
+            let [vx, vy] = both(if PARTNERS[*projector] == "proj1" { &two } else { &other })?;
             if partner == projector {
-                let found = match_projector([vx, vy])?.matches;
+                let found = match_projector([&vx, &vy])?.matches;
                 return Ok(found.into_iter().map(Match::turned).collect());
             }
-            let theirs = if (name, lit_by) == ("cam1", "proj1") { one.clone() } else { maps(name, lit_by)? };
-            let [x, y] = both(&theirs)?;
-            Ok(match_views([&x, &y], [vx, vy])?.matches)
+            let further;
+            let theirs = if (*partner, *projector) == MEASURES {
+                &one
+            } else {
+                further = maps(PARTNERS[*partner], PARTNERS[*projector])?;
+                &further
+            };
+            let [x, y] = both(theirs)?;
+            Ok(match_views([&x, &y], [&vx, &vy])?.matches)
         });
         let matches = matches.collect::<Result<_>>()?;
         Ok(Self { maps: [one, two], matches, world_from_part })
@@ -107,7 +114,7 @@ impl Recorded {
                 device: *partner,
                 matches: &self.matches[i],
                 lit_by: lit_by.filter(|_| partner != projector),
-                measures: i == 0,
+                measures: (*partner, *projector) == MEASURES,
             })
         };
         LINKS.iter().enumerate().map(one).collect()

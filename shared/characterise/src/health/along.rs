@@ -4,9 +4,9 @@ use super::matches::{Lit, Match};
 use super::parameters::{COUNT, step};
 use super::rows::{CAUSES, LEAST_SIGMA_PX, Row, own_causes, tile};
 use crate::calibration::{Ideal, PARAMETERS, moved};
-use fringe::geometry::camera::{Camera, Ray};
+use fringe::geometry::camera::Camera;
 use fringe::geometry::triangulate::{midpoint, project_with_jacobian};
-use nalgebra::{Point3, RowVector2, RowVector3, Vector2, Vector3};
+use nalgebra::{Point3, RowVector2, RowVector3, Vector2};
 use rayon::prelude::*;
 
 /// A residual of three views: the partner, the projector, the view.
@@ -29,12 +29,6 @@ fn sides(camera: &Camera) -> Vec<(Camera, Camera, f64)> {
     (0..COUNT).map(side).collect()
 }
 
-/// The line of sight of an ideal point.
-fn ray(camera: &Camera, ideal: Vector2<f64>) -> Ray {
-    let direction = camera.camera_from_world.rotation.inverse() * Vector3::new(ideal.x, ideal.y, 1.0);
-    Ray { origin_mm: camera.centre_mm(), direction: direction.normalize() }
-}
-
 /// Three views, of which two fix places in space.
 struct Three<'a> {
     left: &'a Camera,
@@ -47,7 +41,7 @@ struct Three<'a> {
 impl Three<'_> {
     fn row(&self, m: &Match, lit: &Lit) -> Option<AlongRow> {
         let (seen_by_left, lit_by) = (Ideal::new(self.left, m.left)?, Ideal::new(self.projector, lit.pixel)?);
-        let (left, beam) = (ray(self.left, seen_by_left.at), ray(self.projector, lit_by.at));
+        let (left, beam) = (self.left.ray_through(seen_by_left.at), self.projector.ray_through(lit_by.at));
         let place = midpoint(&left, &beam)?;
         let (seen, jacobian) = project_with_jacobian(self.view, &place)?;
         // The place moves along the ray of the left view where its depth is wrong.
@@ -61,7 +55,7 @@ impl Three<'_> {
             let moved = |sides: &(Camera, Camera, f64), ideal: &Ideal| {
                 let (low, high, width) = sides;
                 let beside = ideal.by[k] * (0.5 * width);
-                (ray(low, ideal.at - beside), ray(high, ideal.at + beside), *width)
+                (low.ray_through(ideal.at - beside), high.ray_through(ideal.at + beside), *width)
             };
             let (low, high, width) = moved(&of_left[k], &seen_by_left);
             file[k] = change(midpoint(&low, &beam)?, midpoint(&high, &beam)?) / width;
@@ -72,7 +66,7 @@ impl Three<'_> {
         }
         let beside = |axis: usize| {
             let step = lit_by.by_pixel.column(axis) * PIXEL_STEP;
-            let at = |ideal: Vector2<f64>| midpoint(&left, &ray(self.projector, ideal));
+            let at = |ideal: Vector2<f64>| midpoint(&left, &self.projector.ray_through(ideal));
             Some(change(at(lit_by.at - step)?, at(lit_by.at + step)?) / (2.0 * PIXEL_STEP))
         };
         let by_pixel = RowVector2::new(beside(0)?, beside(1)?);

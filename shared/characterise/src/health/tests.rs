@@ -1,5 +1,6 @@
 //! The check against closed-form scenes: what is healthy, what is not, and what it states about it.
 
+mod derivatives;
 mod three;
 
 use super::*;

@@ -231,9 +231,13 @@ impl Camera {
 
     /// The line of sight of a pixel in the world frame; `None` where the lens model folds over.
     pub fn ray(&self, pixel: Point2<f64>) -> Option<Ray> {
-        let ideal = self.normalised_from_pixel(pixel)?;
+        Some(self.ray_through(self.normalised_from_pixel(pixel)?))
+    }
+
+    /// The line of sight of an ideal point (without the lens, at distance 1) in the world frame.
+    pub fn ray_through(&self, ideal: Vector2<f64>) -> Ray {
         let direction = self.camera_from_world.rotation.inverse() * Vector3::new(ideal.x, ideal.y, 1.0);
-        Some(Ray { origin_mm: self.centre_mm(), direction: direction.normalize() })
+        Ray { origin_mm: self.centre_mm(), direction: direction.normalize() }
     }
 }
 
