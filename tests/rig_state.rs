@@ -258,6 +258,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
     for (arguments, expected) in [
         (vec![], "no projector shows fringes along both axes"),
         (vec!["--false-alarm", "2"], "invalid value '2' for '--false-alarm <P>'"),
+        (vec!["--phase-error-px", "nan"], "invalid value 'nan' for '--phase-error-px <PX>'"),
         (vec!["--trend", "absent/trend.txt"], "the folder absent does not exist"),
         (vec!["--date", "yesterday"], "--date yesterday: is not a date"),
         (vec!["--picture", "c.svg"], "--trend"),

@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm, value_parser = |text: &str| within(text, 1e-9..=0.1))]
     false_alarm: f64,
     /// Smooth systematic errors of the phase (footprint, blur, stray light), rms in px.
-    #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
+    #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px, value_parser = |text: &str| within(text, 0.0..=1.0))]
     phase_error_px: f64,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
