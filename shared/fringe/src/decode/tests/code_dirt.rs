@@ -96,6 +96,8 @@ impl Coded {
         }
         let mut map = PhaseMap::new(decoder.info(Axis::X).unwrap());
         let report = decoder.finish(Axis::X, &mut map.view_mut())?;
+        let again = decoder.finish(Axis::X, &mut map.view_mut())?;
+        assert_eq!(report, again);
         let scale = map.info.period_px / std::f64::consts::TAU;
         let valid = || (0..map.valid.len()).filter(|i| map.valid[*i] == 1);
         let wrong = valid().filter(|i| {
@@ -189,10 +191,7 @@ fn a_wrong_frame_of_a_code_does_not_reach_the_next_sequence() {
         for (index, frame) in frames.iter().enumerate() {
             decoder.push(index, &frame.view()).unwrap();
         }
-        let report = decoder.finish(Axis::X, &mut map.view_mut()).unwrap();
-        // Nor what made up for it the same sequence, decoded once more.
-        assert_eq!(report, decoder.finish(Axis::X, &mut map.view_mut()).unwrap());
-        found.push(report.findings.len());
+        found.push(decoder.finish(Axis::X, &mut map.view_mut()).unwrap().findings.len());
     }
     assert_eq!(found, [1, 0]);
 }
