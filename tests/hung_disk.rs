@@ -26,13 +26,7 @@ struct Served {
 impl Served {
     fn new(name: &str) -> Self {
         let cell = Cell::played(name, 0.0, "");
-        let (source, shim) = (cell.small.path("shim.c"), cell.small.path("shim.so"));
-        std::fs::write(&source, SHIM).unwrap();
-        let built = Command::new("cc").args(["-shared", "-fPIC", "-o", &shim, &source]).status().unwrap();
-        assert!(built.success(), "the C compiler builds the disk that hangs");
-        let mut run = cell.program("played.toml", &["--serve"]);
-        run.env("LD_PRELOAD", shim).env("HUNG_DISK", cell.small.path("hangs"));
-        let run = run.spawn().unwrap();
+        let run = on_a_disk_that_hangs(&cell, &["--serve"]).spawn().unwrap();
         cell.until("ready", |status| status["state"] == "Ready");
         Self { cell, run }
     }
@@ -56,6 +50,17 @@ impl Served {
         let output = Command::new(env!("CARGO_BIN_EXE_fringecell")).args(stop).output().unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
     }
+}
+
+/// A run whose disk hangs on demand.
+fn on_a_disk_that_hangs(cell: &Cell, more: &[&str]) -> Command {
+    let (source, shim) = (cell.small.path("shim.c"), cell.small.path("shim.so"));
+    std::fs::write(&source, SHIM).unwrap();
+    let built = Command::new("cc").args(["-shared", "-fPIC", "-o", &shim, &source]).status().unwrap();
+    assert!(built.success(), "the C compiler builds the disk that hangs");
+    let mut run = cell.program("played.toml", more);
+    run.env("LD_PRELOAD", shim).env("HUNG_DISK", cell.small.path("hangs"));
+    run
 }
 
 /// Proves: an answer without reservation means that the files are there; a disk that hangs delays one answer, which states it,
@@ -119,5 +124,30 @@ fn a_cell_on_a_hung_disk_stops_with_what_is_missing() {
     assert_eq!(wait(waiting).status.code(), Some(1), "who waited has an answer");
     assert_eq!(json(file.as_ref())["kept"], "no, disk");
     assert!(!cell.out().join("result.json").exists());
+    assert_eq!(cell.left(), Vec::<String>::new());
+}
+
+/// Proves: a supervisor that panics waits for the disk as well; the last result is not lost.
+#[test]
+fn a_supervisor_that_panics_waits_for_the_disk() {
+    let cell = Cell::played("both", 20.0, "");
+    let mut run = on_a_disk_that_hangs(&cell, &["--cycles", "50"]);
+    std::fs::create_dir(cell.small.path("requests")).unwrap();
+    let mut run = run.env("FRINGECELL_PANIC_DRILL", cell.small.path("requests")).spawn().unwrap();
+    cell.until("in its first cycle", |status| status["cycle"].is_u64());
+    std::fs::write(cell.small.path("hangs"), "").unwrap();
+    std::fs::write(cell.small.path("requests/supervisor"), "").unwrap();
+    while cell.status().is_some() {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(run.try_wait().unwrap().is_none(), "ended before the disk answered");
+    std::fs::remove_file(cell.small.path("hangs")).unwrap();
+    let output = wait(run);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("panic: a panic was requested"), "{said}");
+    let results = results(&cell.out());
+    let failed = "the supervisor failed: panic: a panic was requested";
+    assert_eq!(results.iter().map(|result| &result["outcome"]).collect::<Vec<_>>(), [failed]);
     assert_eq!(cell.left(), Vec::<String>::new());
 }

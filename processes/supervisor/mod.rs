@@ -65,8 +65,12 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
     supervisor.shut_down();
     supervisor.answer_remaining();
     supervisor.end_monitor();
-    ended?;
-    Ok(supervisor.summary())
+    // Waits for the disk, also after an error: the last results are the ones that say what happened.
+    let summary = supervisor.summary();
+    if let (Err(_), Some(error)) = (&ended, &summary.unrecorded) {
+        tracing::error!("{error:#}");
+    }
+    ended.map(|()| summary)
 }
 
 /// Makes a panic an error: stages, files and clients are then left in order.
@@ -80,8 +84,8 @@ fn without_panic(work: impl FnOnce() -> Result<()>) -> Result<()> {
 
 fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
     while !supervisor.cycles.is_finished() {
-        panic_if_requested(SUPERVISOR);
         supervisor.start_due(each)?;
+        panic_if_requested(SUPERVISOR);
         supervisor.drain(each)?;
         supervisor.reap_ended(each)?;
         supervisor.connect(each)?;
