@@ -47,6 +47,11 @@ struct Counts<'a> {
     resolved: usize,
     spikes_repaired: usize,
     spikes_masked: usize,
+    /// Pixels whose uncertainty was raised since light from other faces falls on them, and those that it masked.
+    bounce_raised: usize,
+    bounce_masked: usize,
+    /// Blur that was removed, px; null where none was found.
+    footprint_px: Option<f64>,
     ignored: &'a [String],
     /// Faults of the frames, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -161,6 +166,9 @@ impl Decode {
             resolved: report.resolved,
             spikes_repaired: report.spikes_repaired,
             spikes_masked: report.spikes_masked,
+            bounce_raised: report.bounced.raised,
+            bounce_masked: report.bounced.masked,
+            footprint_px: report.footprint_px,
             ignored: &report.ignored,
             order: report.order,
             motion: report.motion,

@@ -134,6 +134,7 @@ pub fn report_text(run: &RunFiles) -> Result<Option<String>> {
         ],
         verdict: last.verdict,
         reason: if ok { String::new() } else { last.outcome.clone() },
+        warnings: last.warnings.clone(),
         coverage_factor: Some(2.0),
         decision_rule: plan.map_or_else(String::new, |p| decision_rule(p.settings.guard_factor)),
         features: last.features.iter().map(row).collect(),

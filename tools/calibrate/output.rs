@@ -5,7 +5,7 @@ use super::sensors::{self, Characterised};
 use super::{lengths, validation};
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{COMMON_PARAMETERS, Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
-use files::rig_file::{CovarianceRef, SensorUncertainty};
+use files::rig_file::{CovarianceRef, SensorUncertainty, covariance_beside};
 use fringe::geometry::camera::LensKind;
 use fringe::geometry::rig::{Named, Pair, Rig};
 use fringe::sensor::Sensor;
@@ -89,9 +89,8 @@ pub fn write_rig(
         pairs: pairs.iter().map(|(p, _)| p.clone()).collect(),
         sensors: sensors.iter().map(|(name, found)| (name.clone(), found.sensor)).collect(),
     };
-    let mut file = out.file_stem().unwrap_or_default().to_owned();
-    file.push(".covariance.json");
-    let path = out.with_file_name(&file);
+    let path = covariance_beside(out);
+    let file = path.file_name().unwrap_or_default().to_owned();
     files::result::write_json(&path, &covariance(calibration, &rig.sensors))?;
     let sha256 = files::hash::sha256_hex(&files::document::read_bytes(&path, 1 << 30)?);
     let reference = CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 };
@@ -169,7 +168,10 @@ pub fn print(parts: &Parts) {
     }
     if let Some(worst) = calibration.worst_view().map(|i| &calibration.views[i]) {
         let device = &calibration.devices[worst.device].name;
-        println!("worst view: {device} in {}, rms {:.4} px", observations.poses[worst.pose], worst.rms_px);
+        println!(
+            "worst view: {device} in the pose of {}, rms {:.4} px",
+            observations.poses[worst.pose], worst.rms_px
+        );
     }
     sensors::print(parts.sensors);
     print_outliers(parts);

@@ -63,7 +63,7 @@ pub fn write(path: &Path, parts: &Parts) -> Result<()> {
 fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
     let hash = files::hash::sha256_hex(&files::document::read_bytes(parts.rig, 1 << 24)?);
     let seen = parts.calibration.boards.iter().flatten().count();
-    Ok([
+    let mut details: Vec<(String, String)> = [
         ("Rig file", parts.rig.display().to_string()),
         ("SHA-256 of the rig file", hash),
         ("Target", parts.shown.text.clone()),
@@ -83,5 +83,8 @@ fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
         ("Software", crate::software::FRINGETOOL.line()),
     ]
     .map(|(label, text)| (label.to_owned(), text))
-    .into())
+    .into();
+    let known = super::sensors::lines(parts.sensors).into_iter();
+    details.extend(known.map(|(camera, text)| (format!("Blur and noise of {camera}"), text)));
+    Ok(details)
 }

@@ -92,6 +92,14 @@ pub fn characterise(gathered: &Gathered, calibration: &Calibration) -> BTreeMap<
 
 /// A line per camera.
 pub fn print(sensors: &BTreeMap<String, Characterised>) {
+    for (name, line) in lines(sensors) {
+        println!("{name}: {line}");
+    }
+}
+
+/// The same by the name of the camera.
+pub fn lines(sensors: &BTreeMap<String, Characterised>) -> Vec<(String, String)> {
+    let mut lines = Vec::new();
     for (name, found) in sensors {
         let mut parts = Vec::new();
         if let Some(estimate) = &found.footprint {
@@ -114,8 +122,9 @@ pub fn print(sensors: &BTreeMap<String, Characterised>) {
                 noise.read_noise_dn, noise.gain_dn, found.noise_recordings
             ));
         }
-        println!("{name}: {}", parts.join("; "));
+        lines.push((name.clone(), parts.join("; ")));
     }
+    lines
 }
 
 /// Keys of a camera in the result.

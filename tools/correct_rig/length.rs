@@ -23,7 +23,8 @@ pub fn wrong(args: &Args, shown: &[Shown], rig_file: &RigFile) -> Result<Vec<Str
         let decoded = decoded(shown, rig_file)?;
         for (feature, found) in plan.features.iter().zip(lengths(plan, &decoded, rig_file)?) {
             let Some((value, u)) = found else { continue };
-            let (error_mm, u_mm) = (value - feature.nominal, u.hypot(KNOWN_LENGTH * feature.nominal));
+            let error_mm = value - feature.nominal;
+            let u_mm = u.hypot(feature.u_system).hypot(KNOWN_LENGTH * feature.nominal);
             measured += 1;
             if error_mm.abs() > WRONG * u_mm {
                 wrong.push(format!(
@@ -88,19 +89,45 @@ fn readings_of(
     judge: &Judge,
     estimate: &ViewEstimate,
 ) -> Result<Vec<LengthReading>> {
-    let certified: Vec<f64> = plan.features.iter().map(|feature| feature.nominal).collect();
+    let certified: Vec<(f64, f64)> =
+        plan.features.iter().map(|feature| (feature.nominal, feature.u_system)).collect();
     let decoded = decoded(shown, judge.rig_file)?;
     let seen = |view: &Camera| RigFile { rig: judge.rig_with(view), ..judge.rig_file.clone() };
     estimate.readings(&certified, |view| lengths(plan, &decoded, &seen(view)))
 }
 
-/// Of each feature its value and standard uncertainty, mm; `None` for what is no distance of centres, and what was not measured.
+/// Certified lengths of the plans whose certificate's uncertainty is not stated, in words.
+pub fn exact(args: &Args, shown: &[Shown]) -> Vec<String> {
+    let mut names: Vec<&str> = shown
+        .iter()
+        .filter_map(|shown| shown.plan.as_ref())
+        .flat_map(|plan| &plan.features)
+        .filter(|feature| is_length(&feature.quantity) && feature.u_system == 0.0)
+        .map(|feature| feature.name.as_str())
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    let path = args.length.first().map(|path| path.display().to_string()).unwrap_or_default();
+    let warning = |name: &str| {
+        format!(
+            "{path}: feature \"{name}\" has no u_system_mm, so that its certified length counts as exact; state the standard \
+             uncertainty of its certificate"
+        )
+    };
+    names.into_iter().map(warning).collect()
+}
+
+fn is_length(quantity: &Quantity) -> bool {
+    matches!(quantity, Quantity::CentreDistance(_))
+}
+
+/// Of each feature its value and standard uncertainty by the scatter of its points, mm; `None` for what is no distance of centres, and what was not measured.
 fn lengths(plan: &Plan, decoded: &DecodedRecording, rig_file: &RigFile) -> Result<Vec<Option<(f64, f64)>>> {
     let cloud = decoded.cloud(rig_file)?;
     let result = evaluate(plan, &cloud);
     let one = |index: usize| {
-        let is_length = matches!(plan.features[index].quantity, Quantity::CentreDistance(_));
-        is_length.then_some((result.features[index].value?, result.features[index].u?))
+        let found = &result.features[index];
+        is_length(&plan.features[index].quantity).then_some((found.value?, found.u_noise?))
     };
     Ok((0..plan.features.len()).map(one).collect())
 }

@@ -1,6 +1,7 @@
 //! `fringetool correct-rig`: mends a rig of which one view has drifted, from fringes on any object.
 
 mod length;
+mod refusals;
 mod shown;
 mod write;
 
@@ -16,11 +17,11 @@ use characterise::health::{
 };
 use files::provenance::Provenance;
 use files::recording::RECORDING_FILE;
-use files::rig_file::{Covariance, RigFile, read_rig};
+use files::rig_file::{Covariance, RigFile, covariance_beside, read_rig};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
 use shown::{Link, Shown};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -37,8 +38,9 @@ pub struct Args {
     /// The view that drifted; default: the one that all unhealthy pairs have in common.
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Inspection plan of a length standard in the recordings, whose distances of centres are certified: needed where the residuals
-    /// leave lengths open. One for all recordings, or one for each in their order.
+    /// Inspection plan of a length standard in the recordings, whose distances of centres are certified (`nominal_mm`, with the
+    /// certificate's standard uncertainty as `u_system_mm`): needed where the residuals leave lengths open. One for all recordings, or one
+    /// for each in their order.
     #[arg(long, value_name = "PLAN")]
     length: Vec<PathBuf>,
     /// Probability that a healthy pair is reported as unhealthy.
@@ -54,14 +56,7 @@ pub struct Args {
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let recording_files: Vec<PathBuf> =
-        args.recordings.iter().map(|folder| folder.join(RECORDING_FILE)).collect();
-    let inputs: Vec<_> = std::iter::once(&args.rig)
-        .chain(&recording_files)
-        .chain(&args.length)
-        .map(PathBuf::as_path)
-        .collect();
-    check_outputs(&[("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())], &inputs, None)?;
+    check_places(args, &[])?;
     let settings = HealthSettings {
         false_alarm: args.false_alarm,
         phase_error_px: args.phase_error_px,
@@ -74,6 +69,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             format!("--view {view}: name a camera or projector of {}", args.rig.display())
         })?;
     }
+    let known = rig_file.covariance.as_ref().map(|named| rig_file.path.with_file_name(&named.file));
+    check_places(args, &known.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
     let covariance = rig_file.read_covariance()?;
     let shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
@@ -110,6 +107,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Refuses outputs that would overwrite each other, an input, or one of the further inputs.
+fn check_places(args: &Args, further: &[&Path]) -> Result<()> {
+    let files: Vec<PathBuf> = args.recordings.iter().map(|folder| folder.join(RECORDING_FILE)).collect();
+    let own = std::iter::once(&args.rig).chain(&files).chain(&args.length).map(PathBuf::as_path);
+    let inputs: Vec<&Path> = own.chain(further.iter().copied()).collect();
+    let covariance = covariance_beside(&args.out);
+    let outputs = [
+        ("--out", Some(args.out.as_path())),
+        ("--out with its covariance in", Some(covariance.as_path())),
+        ("--json", args.json.as_deref()),
+    ];
+    Ok(check_outputs(&outputs, &inputs, None)?)
+}
+
 /// What decides whether a corrected view is healthy.
 struct Judge<'a> {
     rig_file: &'a RigFile,
@@ -140,8 +151,12 @@ pub struct Found {
     /// All models, the simple ones first.
     pub models: Vec<ViewCorrection>,
     /// New length of the baseline to a measuring partner over the rig file's, with its standard uncertainty, where a length
-    /// standard told it.
+    /// standard confirms it.
     pub baseline: Option<Baseline>,
+    /// Relative standard uncertainty of the scale by the certified lengths alone.
+    pub u_scale: Option<f64>,
+    /// Certified lengths that count as exact, in words.
+    pub exact: Vec<String>,
     /// Of each recording how many certified lengths were measured in it.
     pub lengths: Vec<usize>,
     /// The simplest model without the lengths, where they contradict it.
@@ -227,7 +242,10 @@ impl Judge<'_> {
         let view = match estimate.choose() {
             Some(Choice::Clear(view)) => *view,
             Some(Choice::LengthsOpen { models, apart }) => {
-                bail!(self.lengths_open(args, links, &models, apart))
+                bail!(self.lengths_open(links, &models, (apart, estimate.u_scale)))
+            }
+            None if !all.is_empty() && without_lengths.is_some() => {
+                bail!(self.lengths_contradict(args, &all))
             }
             None => bail!(
                 "{path}: the residuals of \"{}\" contradict every model of its drift; calibrate again",
@@ -236,56 +254,13 @@ impl Judge<'_> {
         };
         let baseline = (!all.is_empty()).then(|| baseline(&view, start, &partners)).flatten();
         let lengths = readings.iter().map(Vec::len).collect();
+        let (u_scale, exact) = (estimate.u_scale, length::exact(args, shown));
         let contradicted = |simple: &ViewCorrection| {
             models.iter().any(|model| model.changes == simple.changes && !model.is_possible())
         };
         let doubted = without_lengths.filter(|simple| !all.is_empty() && contradicted(simple));
         let places = estimate.three_views.iter().map(named).collect();
-        Ok(Found { view, models, baseline, lengths, doubted, places })
-    }
-
-    /// A rig that its own check would call unhealthy is none to write.
-    fn refuse_unhealthy(&self, args: &Args, after: &[PairAfter]) -> Result<()> {
-        let Some(worst) =
-            after.iter().filter(|pair| !pair.healthy).max_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
-        else {
-            return Ok(());
-        };
-        let remedy = if args.length.is_empty() {
-            "record the object in more places, or calibrate again"
-        } else {
-            "the certified lengths contradict the residuals: check the lengths in the plan against the certificate, and whether it is this standard"
-        };
-        bail!(
-            "{}: with \"{}\" corrected pair \"{}\" would not be healthy ({:.4} px rms before, {:.4} px after), so that no rig is written; {remedy}",
-            self.rig_file.path.display(),
-            self.view,
-            worst.name,
-            worst.before_px,
-            worst.rms_px
-        );
-    }
-
-    /// What to tell where the residuals leave lengths open.
-    fn lengths_open(&self, args: &Args, links: &[Link], models: &[ViewCorrection], apart: f64) -> String {
-        let list: Vec<String> = models
-            .iter()
-            .map(|model| format!("{} (χ² {:.1} of {:.1})", model.name(), model.chi2, model.limit))
-            .collect();
-        let remedy = if args.length.is_empty() {
-            "record a length standard and name its plan with --length"
-        } else {
-            "record the length standard in more places, tilted by 30° between them, or a longer or better known one, or calibrate again"
-        };
-        format!(
-            "{}: \"{}\" drifted by {}, but the residuals leave lengths open by {:.1} µm in 100 mm: how far it went along the baseline to \
-             {} does not show; {remedy}",
-            self.rig_file.path.display(),
-            self.view,
-            list.join(" or by "),
-            apart * 1e5,
-            devices(links).iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
-        )
+        Ok(Found { view, models, baseline, u_scale, exact, lengths, doubted, places })
     }
 
     fn covariance_of(&self, link: &Link) -> Option<PairCovariance> {

@@ -4,6 +4,8 @@ use super::Args;
 use crate::check_rig::{Examined, PairCheck, check_pairs, examine, suspects};
 use anyhow::{Result, bail};
 use characterise::health::{HealthError, HealthSettings, Match};
+use files::document::Document;
+use files::hash::sha256_hex;
 use files::plan_file::read_plan;
 use files::recording::Recording;
 use files::rig_file::{Covariance, RigFile};
@@ -17,6 +19,8 @@ pub struct Shown {
     pub recording: Recording,
     /// Inspection of the length standard in it.
     pub plan: Option<Plan>,
+    /// Hash of the plan's text.
+    pub plan_sha256: Option<String>,
     /// Every pair that it checks, with its matches.
     pub checks: Vec<Examined>,
 }
@@ -49,7 +53,8 @@ pub fn shown(
         );
     }
     // What cannot be read is said before the first frame is decoded.
-    let plans: Vec<Plan> = args.length.iter().map(|path| Ok(read_plan(path)?.0)).collect::<Result<_>>()?;
+    let plans: Vec<(Plan, Document)> =
+        args.length.iter().map(|path| Ok(read_plan(path)?)).collect::<Result<_>>()?;
     let recordings: Vec<Recording> =
         args.recordings.iter().map(|folder| Ok(Recording::open(folder)?)).collect::<Result<_>>()?;
     let mut all: Vec<Shown> = Vec::new();
@@ -68,8 +73,9 @@ pub fn shown(
                 same.recording.folder.display()
             );
         }
-        let plan = plans.get(if plans.len() > 1 { index } else { 0 }).cloned();
-        all.push(Shown { recording, plan, checks });
+        let plan = plans.get(if plans.len() > 1 { index } else { 0 });
+        let plan_sha256 = plan.map(|(_, document)| sha256_hex(document.text.as_bytes()));
+        all.push(Shown { recording, plan: plan.map(|(plan, _)| plan.clone()), plan_sha256, checks });
     }
     Ok(all)
 }

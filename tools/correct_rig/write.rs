@@ -5,12 +5,14 @@ use super::{Args, Found, Judge, PairAfter, PlacesOf};
 use anyhow::{Context, Result};
 use characterise::calibration::PARAMETERS;
 use characterise::health::ViewCorrection;
-use files::rig_file::CovarianceRef;
+use files::rig_file::{CovarianceRef, covariance_beside};
 use serde_json::{Value, json};
 
 /// Writes the covariance, then the rig file that names it.
-pub fn write(args: &Args, shown: &[Shown], judge: &Judge, found: &Found) -> Result<()> {
-    let Found { view: found, baseline, .. } = found;
+pub fn write(args: &Args, shown: &[Shown], judge: &Judge, whole: &Found) -> Result<()> {
+    let found = whole;
+    let Found { view: found, baseline, u_scale, .. } = found;
+    let warnings = warnings(whole);
     let rig = judge.rig_with(&found.camera);
     let reference = covariance(args, judge, found)?;
     let mut provenance = judge.rig_file.provenance.clone();
@@ -33,10 +35,18 @@ pub fn write(args: &Args, shown: &[Shown], judge: &Judge, found: &Found) -> Resu
     if let Some(baseline) = baseline {
         entry.insert("baseline_factor".into(), baseline.factor.into());
     }
+    let plans: Vec<&str> = shown.iter().filter_map(|shown| shown.plan_sha256.as_deref()).collect();
+    if !plans.is_empty() {
+        entry.insert("length_plans_sha256".into(), plans.into());
+        entry.insert("u_scale".into(), u_scale.unwrap_or_default().into());
+    }
     let mut history = match provenance.remove("corrections") {
         Some(toml::Value::Array(history)) => history,
         _ => Vec::new(),
     };
+    if !warnings.is_empty() {
+        entry.insert("warnings".into(), warnings.into());
+    }
     history.push(toml::Value::Table(entry));
     provenance.insert("corrections".into(), toml::Value::Array(history));
     files::rig_file::write_rig(&args.out, &rig, &provenance, reference.as_ref())?;
@@ -57,17 +67,16 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
             *entry = json!(entry.as_f64().unwrap_or(0.0) + added);
         }
     }
-    let mut file = args.out.file_stem().unwrap_or_default().to_owned();
-    file.push(".covariance.json");
-    let path = args.out.with_file_name(&file);
+    let path = covariance_beside(&args.out);
+    let file = path.file_name().unwrap_or_default().to_owned();
     files::result::write_json(&path, &value).with_context(|| path.display().to_string())?;
     let sha256 = files::hash::sha256_hex(&files::document::read_bytes(&path, 1 << 30)?);
     Ok(Some(CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 }))
 }
 
 /// What was corrected, and what is left of the residuals of each pair.
-pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -> Vec<String> {
-    let Found { view: found, models, baseline, lengths, doubted, places } = found;
+pub fn report(view: &str, whole: &Found, shown: &[Shown], after: &[PairAfter]) -> Vec<String> {
+    let Found { view: found, models, baseline, u_scale, lengths, places, .. } = whole;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
     let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
@@ -91,25 +100,25 @@ pub fn report(view: &str, found: &Found, shown: &[Shown], after: &[PairAfter]) -
         found.u_length * 1e5,
         found.u_volume * 1e5
     ));
-    if let Some(baseline) = baseline {
+    if let (Some(baseline), Some(u_scale)) = (baseline, u_scale) {
         lines.push(format!(
-            "baseline by the length standard: factor {:.6} (u {:.6})",
+            "baseline: factor {:.6} (u {:.6}, by all that was seen); the certified lengths confirm it to {u_scale:.6} (standard uncertainty)",
             baseline.factor, baseline.u
         ));
     }
     for (shown, lengths) in shown.iter().zip(lengths).filter(|(shown, _)| shown.plan.is_some()) {
-        lines.push(format!("{}: {lengths} certified lengths measured", shown.recording.folder.display()));
+        let count = if *lengths == 1 {
+            "1 certified length".to_owned()
+        } else {
+            format!("{lengths} certified lengths")
+        };
+        lines.push(format!("{}: {count} measured", shown.recording.folder.display()));
     }
-    lines.extend(places.iter().map(of_places));
-    if let Some(simple) = doubted {
-        lines.push(format!(
-            "warning: without the length standard {} alone explains the residuals (χ² {:.1} of {:.1}); check the certified lengths before \
-             the new rig is used",
-            simple.name(),
-            simple.chi2,
-            simple.limit
-        ));
-    }
+    lines.extend(places.iter().filter(|places| places.three.agrees()).map(|places| {
+        let PlacesOf { partner, projector, three } = places;
+        format!("{} places that {partner} and {projector} measure together entered", three.used)
+    }));
+    lines.extend(warnings(whole).iter().map(|warning| format!("warning: {warning}")));
     let several = shown.len() > 1;
     for (number, shown) in shown.iter().enumerate() {
         let place = if several { format!("{}: ", shown.recording.folder.display()) } else { String::new() };
@@ -142,19 +151,32 @@ fn of_pairs<'a>(place: &str, after: impl Iterator<Item = &'a PairAfter>) -> Vec<
     lines
 }
 
-/// Whether places that two fixed views measure together counted.
-fn of_places(places: &PlacesOf) -> String {
+/// What makes the corrected rig doubtful, in words.
+fn warnings(found: &Found) -> Vec<String> {
+    let mut all = found.exact.clone();
+    all.extend(found.places.iter().filter(|places| !places.three.agrees()).map(left_out));
+    all.extend(found.doubted.iter().map(|simple| {
+        format!(
+            "without the length standard {} alone explains the residuals (χ² {:.1} of {:.1}); check the certified lengths before the new \
+             rig is used",
+            simple.name(),
+            simple.chi2,
+            simple.limit
+        )
+    }));
+    all
+}
+
+/// Why places that two fixed views measure together did not count.
+fn left_out(places: &PlacesOf) -> String {
     let PlacesOf { partner, projector, three } = places;
-    if three.agrees() {
-        return format!("{} places that {partner} and {projector} measure together entered", three.used);
-    }
     let by = if three.lengths_agree {
         format!("the pairs contradict them (χ² {:.1} of {:.1})", three.chi2, three.limit)
     } else {
         "the certified lengths contradict them".to_owned()
     };
     format!(
-        "warning: the places that {partner} and {projector} measure together were left out: {by}; one of both may have moved"
+        "the places that {partner} and {projector} measure together were left out: {by}; one of both may have moved"
     )
 }
 
@@ -181,6 +203,8 @@ pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[PairAfter]) -> 
             "chi2": places.three.chi2, "limit": places.three.limit, "lengths_agree": places.three.lengths_agree,
             "entered": places.three.agrees(),
         })).collect::<Vec<_>>()),
+        "warnings": found.map(|(_, found)| warnings(found)),
+        "u_scale": found.and_then(|(_, found)| found.u_scale),
         "baseline": found.and_then(|(_, found)| found.baseline),
         "pairs": after.iter().map(|pair| json!({
             "name": pair.name, "recording": args.recordings[pair.recording],

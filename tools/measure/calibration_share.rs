@@ -8,6 +8,9 @@ use metrology::inspection::{InspectionResult, Plan, evaluate};
 use rayon::prelude::*;
 use std::path::Path;
 
+/// Parts of a mode that are tried, the whole one first.
+const PARTS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
+
 /// The result with the calibration's share in each uncertainty and verdict, and these shares in the order of the features, each in the
 /// unit of its feature; none where it was not measured.
 pub fn with_calibration(
@@ -53,18 +56,35 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
     }
     let names: Vec<&str> = covariance.devices.iter().map(String::as_str).collect();
     let matrix = covariance.part(&names).unwrap_or_default();
-    let modes = modes(&rig_file.rig, &covariance.devices, count, &matrix).with_context(|| {
-        format!("{path}: a pair has a view that {} does not hold", covariance.path.display())
-    })?;
     let values = |points: &[Point]| -> Vec<Option<f64>> {
         evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
     };
     let here = values(points);
-    let moved: Vec<Vec<Option<f64>>> = modes.par_iter().map(|mode| values(&mode.moved(points))).collect();
-    let share = |index: usize| {
-        let value = here[index]?;
-        let squares = moved.iter().map(|moved| moved[index].map(|moved| (moved - value) * (moved - value)));
-        Some(squares.sum::<Option<f64>>()?.sqrt())
-    };
-    Ok((0..here.len()).map(share).collect())
+    let mut shares = vec![None; here.len()];
+    // A mode so large that a feature is lost says nothing of it; a part of the mode does.
+    for part in PARTS {
+        let open = |index: &usize| here[*index].is_some() && shares[*index].is_none();
+        let open: Vec<usize> = (0..here.len()).filter(open).collect();
+        if open.is_empty() {
+            break;
+        }
+        let smaller: Vec<f64> = matrix.iter().map(|value| value * part * part).collect();
+        let modes = modes(&rig_file.rig, &covariance.devices, count, &smaller).with_context(|| {
+            format!("{path}: a pair has a view that {} does not hold", covariance.path.display())
+        })?;
+        let moved: Vec<Vec<Option<f64>>> = modes.par_iter().map(|mode| values(&mode.moved(points))).collect();
+        for index in open {
+            let by = |moved: &Vec<Option<f64>>| Some(((moved[index]? - here[index]?) / part).powi(2));
+            shares[index] = moved.iter().map(by).sum::<Option<f64>>().map(f64::sqrt);
+        }
+    }
+    if let Some(lost) = (0..here.len()).find(|index| here[*index].is_some() && shares[*index].is_none()) {
+        bail!(
+            "{}: moves the points of feature \"{}\" so far that it cannot be measured any more, so that its uncertainty is not known; \
+             calibrate again",
+            covariance.path.display(),
+            plan.features[lost].name
+        );
+    }
+    Ok(shares)
 }

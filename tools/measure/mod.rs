@@ -76,6 +76,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (result, shares) = match &args.rig {
         Some(rig) => {
             let (result, shares, file) = with_calibration(&plan, &cloud.points, rig)?;
+            if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
+                eprintln!(
+                    "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
+                     are of the same calibration",
+                    args.cloud.display(),
+                    rig.display(),
+                    file.sha256
+                );
+            }
             provenance = provenance.rig(&file.sha256);
             (result, Some(shares))
         }
@@ -90,7 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         args,
         &result,
         (plan.settings.guard_factor, &document.text),
-        &provenance,
+        (&provenance, shares.as_deref()),
         cloud.points.len(),
     )?;
     emit_made_with(args.json.as_deref(), &all, provenance)?;
@@ -107,7 +116,7 @@ fn write_report(
     args: &Args,
     result: &InspectionResult,
     (guard_factor, plan_text): (f64, &str),
-    provenance: &Provenance,
+    (provenance, shares): (&Provenance, Option<&[Option<f64>]>),
     points: usize,
 ) -> Result<()> {
     let outputs = args.outputs();
@@ -124,7 +133,9 @@ fn write_report(
         pair("Date", provenance.date.clone()),
         pair("Operator", args.operator.clone().unwrap_or_else(|| "not stated".to_owned())),
     ];
-    made_with.extend(args.rig.iter().map(|rig| pair("Rig", rig.display().to_string())));
+    let rig_sha256 = provenance.rig_sha256.as_deref().unwrap_or("unknown");
+    made_with
+        .extend(args.rig.iter().map(|rig| pair("Rig", format!("{} (SHA-256 {rig_sha256})", rig.display()))));
     let sha256 = sha256_hex(format!("{plan_sha256}{cloud_sha256}").as_bytes());
     let input = PartInput {
         result,
@@ -132,6 +143,7 @@ fn write_report(
         guard_factor,
         date: &provenance.date,
         made_with: &made_with,
+        shares,
         sha256: &sha256,
     };
     Ok(write_part(&input, &outputs)?)

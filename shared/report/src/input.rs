@@ -28,6 +28,8 @@ pub struct ReportInput<'a> {
     pub verdict: Option<Verdict>,
     /// One sentence below it: why there is no result, for instance. May be empty.
     pub reason: String,
+    /// What stands beside the verdict although the cycle is ok: a part that moved, a camera that the rig file does not describe.
+    pub warnings: Vec<String>,
     /// Uncertainties are printed as expanded, U = k·u, with this k; as standard uncertainty u if `None`.
     pub coverage_factor: Option<f64>,
     /// How uncertainty enters the verdict, as one sentence below the table. May be empty.

@@ -62,6 +62,9 @@ pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
     if !input.reason.is_empty() {
         page.put(format_args!("<p>{}</p>", Text(&input.reason)));
     }
+    for warning in &input.warnings {
+        page.put(format_args!("<p><b>Warning:</b> {}</p>", Text(warning)));
+    }
     page.put(format_args!("</div></div>\n"));
 }
 

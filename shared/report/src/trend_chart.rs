@@ -13,6 +13,9 @@ const BASE: f64 = 270.0;
 /// Decades of the ratio that are drawn: a hundredth of the limit to a hundred times.
 const DECADES: f64 = 2.0;
 
+/// Strokes of the lines that share a colour.
+const DASHES: [&str; 3] = ["", " stroke-dasharray=\"7 3\"", " stroke-dasharray=\"2 2\""];
+
 /// Okabe and Ito's colours, distinguishable also with a colour vision deficiency.
 const COLOURS: [&str; 7] = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#5b6875"];
 
@@ -83,14 +86,16 @@ fn line(page: &mut Page, entries: &[TrendEntry], name: &str, index: usize) {
         })
         .collect();
     let path = points.iter().map(|&(x, y, _)| [x, y]);
-    svg::line(page, path, &format!("stroke=\"{colour}\" stroke-width=\"1.6\""));
+    // Beyond the colours, by their stroke.
+    let dash = DASHES[index / COLOURS.len() % DASHES.len()];
+    svg::line(page, path, &format!("stroke=\"{colour}\" stroke-width=\"1.6\"{dash}"));
     for (x, y, healthy) in points {
         let (radius, fill) = if healthy { (3.0, colour) } else { (5.0, "#ad1f1f") };
         svg::circle(page, [x, y], radius, fill, &format!("stroke=\"{colour}\""));
     }
     let at = TOP + 12.0 + 18.0 * index as f64;
     let sample = [[RIGHT + 15.0, at - 4.5], [RIGHT + 37.0, at - 4.5]];
-    svg::line(page, sample, &format!("stroke=\"{colour}\" stroke-width=\"3\""));
+    svg::line(page, sample, &format!("stroke=\"{colour}\" stroke-width=\"3\"{dash}"));
     svg::text(page, [RIGHT + 43.0, at], 13.0, Anchor::Start, name);
 }
 

@@ -13,7 +13,7 @@ use crate::report::{check_outputs, emit_bare};
 use anyhow::{Context, Result};
 use characterise::health::{Choice, HealthSettings, Partner, estimate_view, stepped};
 use fringe::geometry::camera::Camera;
-use recorded::{Fringes, LENGTH, PLACES, Recorded};
+use recorded::{Fringes, LENGTH, PLACES, Recorded, U_LENGTH_MM};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -211,7 +211,7 @@ fn row(
     row.without = ended(estimate.choose());
     let nominal =
         bench.scene.truth().get(LENGTH).map(|truth| truth.value).context("the part has a spacing")?;
-    let certified = vec![nominal; recorded.len()];
+    let certified = vec![(nominal, U_LENGTH_MM); recorded.len()];
     let readings = estimate.readings(&certified, |view| {
         recorded.iter().map(|recorded| recorded.length(bench, calibrated, view)).collect::<Result<Vec<_>>>()
     })?;

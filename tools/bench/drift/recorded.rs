@@ -21,7 +21,7 @@ use twin::{Twin, TwinSettings};
 /// The length standard: spheres of the part, certified.
 pub(super) const LENGTH: &str = "sphere_spacing";
 /// Standard uncertainty of a certified length, mm.
-const U_LENGTH_MM: f64 = 0.0005;
+pub const U_LENGTH_MM: f64 = 0.0005;
 /// Places of the part, one for each recording of a correction: turns about x, y, z (°), shifts (mm).
 pub(super) const PLACES: [([f64; 3], [f64; 3]); 9] = [
     ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
@@ -120,7 +120,7 @@ impl Recorded {
         LINKS.iter().enumerate().map(one).collect()
     }
 
-    /// The length standard as the pair measures it with the view in a state, with its uncertainty, mm.
+    /// The length standard as the pair measures it with the view in a state, with the uncertainty by its points, mm.
     pub fn length(
         &self,
         bench: &Bench,
@@ -135,7 +135,7 @@ impl Recorded {
         let cloud = matcher.cloud(&views(&self.maps[0]), &views(&self.maps[1]))?.0;
         let result = evaluate(&bench.plan, &cloud);
         let feature = result.features.iter().find(|feature| feature.name == LENGTH);
-        Ok(feature.and_then(|feature| Some((feature.value?, feature.u?.hypot(U_LENGTH_MM)))))
+        Ok(feature.and_then(|feature| Some((feature.value?, feature.u_noise?))))
     }
 }
 

@@ -21,6 +21,8 @@ use nalgebra::Vector3;
 
 /// Lengths that are this well known, relative to themselves, are known: 2 µm in 100 mm, as a good calibration leaves them.
 pub const KNOWN_LENGTH: f64 = 2e-5;
+/// Certified lengths show a change of the baseline that is so many times their standard uncertainty.
+const SHOWN: f64 = 3.5;
 /// Probability with which a true model is contradicted: a larger one is then taken, which costs little.
 const CONTRADICTED: f64 = 0.05;
 
@@ -141,8 +143,11 @@ impl ViewEstimate {
             let rms = |form: &Dense| dot(&difference, &form.apply(&difference)).max(0.0).sqrt();
             self.object.iter().map(rms).fold(0.0, f64::max)
         };
-        // A longer or shorter baseline scales lengths, and other causes may look like it: no residual proves it.
-        let unproven = if self.has_lengths { 0.0 } else { self.baseline_change(&best) };
+        // A longer or shorter baseline scales lengths, and other causes may look like it: no residual proves it, nor a length that would not
+        // show it.
+        let change = self.baseline_change(&best);
+        let shown = self.u_scale.is_some_and(|u| u <= KNOWN_LENGTH.max(change / SHOWN));
+        let unproven = if shown { 0.0 } else { change };
         let apart = alike.iter().map(apart).fold(best.u_length.max(unproven), f64::max);
         Some(if apart > KNOWN_LENGTH {
             Choice::LengthsOpen { models: alike, apart }

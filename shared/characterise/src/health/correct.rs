@@ -44,10 +44,12 @@ const STEPS: [f64; UNKNOWNS] = [2e-5, 2e-5, 2e-5, 1e-2, 1e-2, 1e-2, 5e-5];
 pub struct LengthReading {
     /// Certified less measured length with the view in the state of the estimate, mm.
     pub error_mm: f64,
-    /// Standard uncertainty of this difference, mm.
+    /// Standard uncertainty of the measured length, of this recording alone, mm.
     pub u_mm: f64,
     /// Certified length of the standard, mm.
     pub certified_mm: f64,
+    /// Standard uncertainty of the certified length, mm; all recordings share its error.
+    pub u_certified_mm: f64,
     /// Derivatives of the measured length by rotations (rad), shifts (mm) and relative focal length.
     pub by: [f64; UNKNOWNS],
 }
@@ -66,8 +68,8 @@ pub struct ViewEstimate {
     pub(super) volume: Vec<[f64; UNKNOWNS]>,
     /// From the measuring partners to the view, in the view's frame, mm.
     pub(super) baselines_mm: Vec<Vector3<f64>>,
-    /// Whether certified lengths have entered.
-    pub(super) has_lengths: bool,
+    /// Relative standard uncertainty of the scale by the certified lengths alone, where some have entered.
+    pub u_scale: Option<f64>,
     /// Fixed views that measure places together, and whether these count.
     pub three_views: Vec<ThreeViews>,
     /// Drift and inverse covariance by the pairs alone, where such places count as well.
@@ -104,7 +106,7 @@ pub fn estimate_view(
         object: measuring().filter_map(|p| length_form(p, &now)).collect(),
         volume: measuring().flat_map(|p| volume::lengths(p, &now)).collect(),
         baselines_mm: measuring().map(baseline).collect(),
-        has_lengths: false,
+        u_scale: None,
         three_views: three,
         by_pairs,
     })
@@ -116,14 +118,14 @@ impl ViewEstimate {
         stepped(&self.start, &self.drift)
     }
 
-    /// Certified lengths (mm) less those that `measure` finds with the view in a state, with their derivatives; lengths that were not
+    /// Certified lengths (with their standard uncertainties, mm) less those that `measure` finds with the view in a state, with their derivatives; lengths that were not
     /// measured are left out.
     ///
     /// # Errors
     /// Those of `measure`, which gives each length and its standard uncertainty, mm.
     pub fn readings<E>(
         &self,
-        certified_mm: &[f64],
+        certified_mm: &[(f64, f64)],
         measure: impl Fn(&Camera) -> Result<Vec<Option<(f64, f64)>>, E>,
     ) -> Result<Vec<LengthReading>, E> {
         let here = self.camera();
@@ -134,13 +136,14 @@ impl ViewEstimate {
             step[k] = *size;
             there.push(measure(&stepped(&here, &step))?);
         }
-        let reading = |(index, certified): (usize, &f64)| {
+        let reading = |(index, (certified_mm, u_certified_mm)): (usize, &(f64, f64))| {
             let (value, u_mm) = found.get(index).copied().flatten()?;
             let mut by = [0.0; UNKNOWNS];
             for (k, by) in by.iter_mut().enumerate() {
                 *by = (there[k].get(index).copied().flatten()?.0 - value) / STEPS[k];
             }
-            Some(LengthReading { error_mm: certified - value, u_mm, certified_mm: *certified, by })
+            let (certified_mm, u_certified_mm) = (*certified_mm, *u_certified_mm);
+            Some(LengthReading { error_mm: certified_mm - value, u_mm, certified_mm, u_certified_mm, by })
         };
         Ok(certified_mm.iter().enumerate().filter_map(reading).collect())
     }
@@ -149,22 +152,30 @@ impl ViewEstimate {
     /// where the lengths contradict them: one of these views moved as no pair shows it.
     #[must_use]
     pub fn with_lengths(mut self, readings: &[LengthReading]) -> Self {
-        self.has_lengths |= !readings.is_empty();
         // What the drift must do to each length.
         let change = |reading: &LengthReading| reading.error_mm + dot(&reading.by, &self.drift);
         let changes: Vec<f64> = readings.iter().map(change).collect();
+        let Ok(known) = Factor::new(&covariance(readings)) else { return self };
+        let scale: Vec<f64> = readings.iter().map(|reading| reading.certified_mm).collect();
+        if !readings.is_empty() {
+            self.u_scale = Some(dot(&scale, &known.solve(&scale)).max(f64::MIN_POSITIVE).sqrt().recip());
+        }
         if self.by_pairs.is_some() && self.contradict(readings) {
             (self.drift, self.weight) = self.by_pairs.take().unwrap_or((self.drift, self.weight));
             self.three_views.iter_mut().for_each(|three| three.lengths_agree = false);
         }
         let mut right = self.weight.apply(&self.drift);
-        for (reading, change) in readings.iter().zip(changes) {
-            let weight = reading.u_mm.max(1e-9).powi(-2);
-            for (i, (right, a)) in right.iter_mut().zip(reading.by).enumerate() {
-                *right += weight * a * change;
-                for (j, b) in reading.by.iter().enumerate() {
-                    self.weight.add(i, j, weight * a * b);
-                }
+        let wanted = known.solve(&changes);
+        for (i, right) in right.iter_mut().enumerate() {
+            let by: Vec<f64> = readings.iter().map(|reading| reading.by[i]).collect();
+            let weighed = known.solve(&by);
+            *right += dot(&by, &wanted);
+            for j in 0..UNKNOWNS {
+                self.weight.add(
+                    i,
+                    j,
+                    weighed.iter().zip(readings).map(|(w, reading)| w * reading.by[j]).sum(),
+                );
             }
         }
         if let Ok(solved) = Factor::new(&self.weight) {
@@ -179,14 +190,22 @@ impl ViewEstimate {
         let Ok(factor) = Factor::new(&self.weight) else { return false };
         let by: Vec<Vec<f64>> = readings.iter().map(|reading| factor.solve(&reading.by)).collect();
         let open = |i: usize| KNOWN_LENGTH * readings[i].certified_mm;
+        let own = covariance(readings);
         let covariance = Dense::from_fn(readings.len(), readings.len(), |i, j| {
-            let own = if i == j { readings[i].u_mm.max(1e-9).powi(2) } else { 0.0 };
-            own + dot(&readings[i].by, &by[j]) + open(i) * open(j)
+            own.at(i, j) + dot(&readings[i].by, &by[j]) + open(i) * open(j)
         });
         let errors: Vec<f64> = readings.iter().map(|reading| reading.error_mm).collect();
         let chi2 = Factor::new(&covariance).map_or(0.0, |solved| dot(&errors, &solved.solve(&errors)));
         chi2 > chi_square::limit(LENGTHS_CONTRADICT, readings.len().max(1))
     }
+}
+
+/// Covariance of certified less measured lengths: each recording has its own noise, the error of the standard is common to all.
+fn covariance(readings: &[LengthReading]) -> Dense {
+    Dense::from_fn(readings.len(), readings.len(), |i, j| {
+        let own = if i == j { readings[i].u_mm.max(1e-9).powi(2) } else { 0.0 };
+        own + readings[i].u_certified_mm * readings[j].u_certified_mm
+    })
 }
 
 /// The residuals of all partners of a view.

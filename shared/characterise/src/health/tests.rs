@@ -282,7 +282,20 @@ fn a_shift_needs_a_length_where_one_partner_sees_it() {
         step[k] = if k < 3 || k == 6 { 1e-5 } else { 1e-2 };
         (length(&stepped(&here, &step)) - length(&here)) / step[k]
     });
-    let reading = LengthReading { error_mm: 100.0 - length(&here), u_mm: 5e-4, certified_mm: 100.0, by };
+    let reading = LengthReading {
+        error_mm: 100.0 - length(&here),
+        u_mm: 5e-4,
+        certified_mm: 100.0,
+        u_certified_mm: 0.0,
+        by,
+    };
+    // A standard that nobody knows would not show the shift, and many readings of it do not make it better known.
+    let poor = LengthReading { u_certified_mm: 0.05, ..reading };
+    let many = found.clone().with_lengths(&[poor; 9]);
+    assert!(many.u_scale.is_some_and(|u| (u / 5e-4 - 1.0).abs() < 1e-3), "{:?}", many.u_scale);
+    assert!(matches!(many.choose(), Some(Choice::LengthsOpen { .. })));
+    let many = found.clone().with_lengths(&[reading; 9]);
+    assert!(many.u_scale.is_some_and(|u| (u / (5e-6 / 3.0) - 1.0).abs() < 1e-3), "{:?}", many.u_scale);
     let Some(Choice::Clear(known)) = found.with_lengths(&[reading]).choose() else { panic!("still open") };
     assert!((length(&known.camera) - 100.0).abs() < 0.002, "{:?}", known.drift);
     assert!((known.drift[3] - 0.05).abs() < 0.005 && known.name() == "shift", "{:?}", known.drift);
@@ -346,7 +359,7 @@ fn a_larger_model_that_may_be_true_enters_the_uncertainty() {
             object: Vec::new(),
             volume: vec![[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]],
             baselines_mm: vec![Vector3::x() * 200.0],
-            has_lengths: true,
+            u_scale: None,
             three_views: Vec::new(),
             by_pairs: None,
         };

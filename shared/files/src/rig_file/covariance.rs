@@ -7,7 +7,7 @@ use crate::hash::sha256_hex;
 use fringe::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Value of `format` in a covariance file.
 pub const COVARIANCE_FORMAT: &str = "fringecell-covariance/1";
@@ -70,6 +70,13 @@ struct RawCovariance {
     matrix: Vec<Vec<f64>>,
     #[serde(default)]
     sensors: BTreeMap<String, SensorUncertainty>,
+}
+
+/// Where the covariance of a rig file is written: beside it, with its name.
+pub fn covariance_beside(rig: &Path) -> PathBuf {
+    let mut file = rig.file_stem().unwrap_or_default().to_owned();
+    file.push(".covariance.json");
+    rig.with_file_name(file)
 }
 
 impl Covariance {
@@ -147,6 +154,14 @@ fn parse(path: PathBuf, bytes: &[u8], views: &[&str]) -> Result<Covariance, File
         let known = list(views.iter().copied());
         return Err(fault("devices", Problem::UnknownName { kind: "device", name: unknown.clone(), known }));
     }
+    if let Some(twice) = (1..raw.devices.len()).find(|i| raw.devices[..*i].contains(&raw.devices[*i])) {
+        let name = raw.devices[twice].clone();
+        return Err(fault("devices", Problem::Value { value: name, limit: "each device once".into() }));
+    }
+    if let Some(unknown) = raw.sensors.keys().find(|camera| !views.contains(&camera.as_str())) {
+        let known = list(views.iter().copied());
+        return Err(fault("sensors", Problem::UnknownName { kind: "camera", name: unknown.clone(), known }));
+    }
     let size = raw.matrix.len();
     let needed = raw.devices.len().saturating_mul(raw.parameters.len());
     if size < needed || raw.matrix.iter().any(|row| row.len() != size) {
@@ -158,12 +173,66 @@ fn parse(path: PathBuf, bytes: &[u8], views: &[&str]) -> Result<Covariance, File
         return Err(fault("matrix", problem));
     }
     let u = raw.sensors.values().flat_map(|u| u.u_footprint_px.into_iter().chain(u.u_noise_dn).flatten());
-    if raw.matrix.iter().flatten().copied().chain(u).any(|value| !value.is_finite()) {
+    if let Some(wrong) = u.into_iter().find(|value| !(*value >= 0.0 && value.is_finite())) {
+        let limit = "standard uncertainties: finite, 0 or larger".into();
+        return Err(fault("sensors", Problem::Value { value: wrong.to_string(), limit }));
+    }
+    if raw.matrix.iter().flatten().any(|value| !value.is_finite()) {
         return Err(fault(
             "matrix",
             Problem::Value { value: "infinity".into(), limit: "finite numbers".into() },
         ));
     }
+    if let Some((row, column, why)) = no_covariance(&raw.matrix) {
+        let value = format!("{} in row {row}, column {column} (counted from 0)", raw.matrix[row][column]);
+        return Err(fault("matrix", Problem::Value { value, limit: why.into() }));
+    }
     let RawCovariance { devices, parameters, matrix, sensors, .. } = raw;
     Ok(Covariance { path, devices, parameters, sensors, matrix })
+}
+
+/// Parts of a standard uncertainty that are rounding.
+const ROUNDING: f64 = 1e-6;
+/// Larger matrices are not taken apart: it would take minutes.
+const MOST_ROWS: usize = 2000;
+
+/// Where a square matrix is no covariance, and what it should be.
+fn no_covariance(matrix: &[Vec<f64>]) -> Option<(usize, usize, &'static str)> {
+    let size = matrix.len();
+    if let Some(i) = (0..size).find(|i| matrix[*i][*i] < 0.0) {
+        return Some((i, i, "variances are 0 or larger"));
+    }
+    let scale = |i: usize, j: usize| (matrix[i][i] * matrix[j][j]).sqrt();
+    for (i, row) in matrix.iter().enumerate() {
+        for (j, value) in row.iter().enumerate().take(i) {
+            if (value - matrix[j][i]).abs() > ROUNDING * scale(i, j) {
+                return Some((i, j, "a covariance is symmetric"));
+            }
+            if value.abs() > (1.0 + ROUNDING) * scale(i, j) {
+                return Some((i, j, "a correlation lies within -1 … 1"));
+            }
+        }
+    }
+    let lost = (size <= MOST_ROWS).then(|| negative(matrix)).flatten()?;
+    Some((lost, lost, "the correlations contradict each other: no sum of parameters has a negative variance"))
+}
+
+/// A row whose variance is negative once those before it are known: Cholesky of the correlations, the largest remaining one first.
+fn negative(matrix: &[Vec<f64>]) -> Option<usize> {
+    let size = matrix.len();
+    let sd: Vec<f64> = (0..size).map(|i| matrix[i][i].sqrt()).collect();
+    let over = |i: usize, j: usize| if sd[i] * sd[j] > 0.0 { matrix[i][j] / (sd[i] * sd[j]) } else { 0.0 };
+    let mut rest: Vec<Vec<f64>> = (0..size).map(|i| (0..size).map(|j| over(i, j)).collect()).collect();
+    for _ in 0..size {
+        let pivot = (0..size).max_by(|a, b| rest[*a][*a].total_cmp(&rest[*b][*b]))?;
+        if rest[pivot][pivot] < ROUNDING {
+            break;
+        }
+        let root = rest[pivot][pivot].sqrt();
+        let column: Vec<f64> = rest.iter().map(|row| row[pivot] / root).collect();
+        for (row, a) in rest.iter_mut().zip(&column) {
+            row.iter_mut().zip(&column).for_each(|(rest, b)| *rest -= a * b);
+        }
+    }
+    (0..size).find(|i| rest[*i][*i] < -ROUNDING.sqrt())
 }

@@ -18,7 +18,7 @@ use fringe::geometry::rig::{Named, Pair, Rig};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-pub use covariance::{Covariance, CovarianceRef, SensorUncertainty};
+pub use covariance::{Covariance, CovarianceRef, SensorUncertainty, covariance_beside};
 pub use pairs::resolve_pairs;
 pub(crate) use pairs::unknown;
 pub(crate) use write::quoted;

@@ -215,7 +215,7 @@ fn a_covariance_is_read_only_as_it_was_written() {
     let dir = tempfile::tempdir().unwrap();
     let (path, beside) = (dir.path().join("rig.toml"), dir.path().join("rig.covariance.json"));
     let good = r#"{"format": "fringecell-covariance/1", "devices": ["cam2", "cam1"], "parameters": ["fx_px", "k1"],
-        "matrix": [[1, 0, 0, 0, 9], [0, 2, 0, 0, 9], [0, 0, 3, 0.5, 9], [0, 0, 0.5, 4, 9], [9, 9, 9, 9, 9]]}"#;
+        "matrix": [[1, 0, 0, 0, 0.6], [0, 2, 0, 0, 0.6], [0, 0, 3, 0.5, 0.6], [0, 0, 0.5, 4, 0.6], [0.6, 0.6, 0.6, 0.6, 9]]}"#;
     let read = |text: &str| {
         fs::write(&beside, text).unwrap();
         let reference =
@@ -230,7 +230,26 @@ fn a_covariance_is_read_only_as_it_was_written() {
     for (from, to, expected) in [
         ("covariance/1", "covariance/2", "format is \"fringecell-covariance/2\""),
         ("\"cam1\"", "\"cam9\"", "device \"cam9\" is unknown"),
-        ("[9, 9, 9, 9, 9]", "[9]", "rows of another length"),
+        ("[0.6, 0.6, 0.6, 0.6, 9]", "[9]", "rows of another length"),
+        ("\"cam1\"", "\"cam2\"", "value cam2 is not allowed: each device once"),
+        (
+            "[0, 2,",
+            "[0, -2,",
+            "value -2 in row 1, column 1 (counted from 0) is not allowed: variances are 0 or larger",
+        ),
+        ("[0, 0, 3, 0.5", "[0, 0, 3, 0.4", "a covariance is symmetric"),
+        ("[[1, 0, 0, 0, 0.6]", "[[0.01, 0, 0, 0, 0.6]", "a correlation lies within -1 … 1"),
+        (
+            "[[1, 0, 0, 0, 0.6], [0, 2, 0, 0, 0.6]",
+            "[[0.05, 0, 0, 0, 0.6], [0, 0.05, 0, 0, 0.6]",
+            "the correlations contradict each other",
+        ),
+        ("\"matrix\"", "\"sensors\": {\"cam7\": {}}, \"matrix\"", "camera \"cam7\" is unknown"),
+        (
+            "\"matrix\"",
+            "\"sensors\": {\"cam1\": {\"u_noise_dn\": [-1, 0]}}, \"matrix\"",
+            "value -1 is not allowed: standard uncertainties",
+        ),
         ("[1, 0", "[null, 0", "invalid type: null"),
     ] {
         let error = read(&good.replace(from, to)).unwrap_err();

@@ -36,6 +36,8 @@ const BINS: usize = 64;
 const LEAST_IN_BIN: f64 = 4.0;
 /// Standard uncertainties beyond which a drift is one.
 const CERTAIN: f64 = 5.0;
+/// Standard deviation of a rounded value over half of the range of eight bits.
+const ROUNDED: f64 = 0.288_675 / 127.5;
 /// How far a frame may be thought to stand off before anything is seen of it, rad.
 const HELD_RAD: f64 = 0.1;
 
@@ -54,7 +56,7 @@ pub(super) struct StepMotion {
 /// How far what a camera sees moved, against the uncertainty of its phase.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Motion {
-    /// Root mean square of the frames' shifts about their mean, in phase, rad; the least, since some shifts look like light that changes.
+    /// Root mean square of the frames' shifts about their mean, in phase, rad, less noise; the least, since some shifts look like light that changes.
     pub rms_rad: f64,
     /// A steady drift, extrapolated to all frames of the sequence, rad.
     pub drift_rad: f64,
@@ -62,7 +64,7 @@ pub struct Motion {
     pub u_drift_rad: f64,
     /// Mean standard uncertainty of a pixel's phase, rad.
     pub sigma_rad: f64,
-    /// Whether it moved by more than a pixel's phase is uncertain.
+    /// Whether it moved by more than a pixel's phase is uncertain, and beyond doubt: a drift by five of its standard uncertainties.
     pub moved: bool,
 }
 
@@ -78,12 +80,13 @@ impl Motion {
 
     /// What a person should know, where it moved; `camera` is named.
     pub fn warning(&self, camera: &str) -> Option<String> {
+        // Shifts that noise hides are not said to be none.
+        let shook = format!("moved by {:.1} mrad rms between the frames and ", self.rms_rad * 1e3);
+        let shook = if self.rms_rad > 0.0 { shook.as_str() } else { "" };
         self.moved.then(|| {
             format!(
-                "camera \"{camera}\": the fringes moved by {:.1} mrad rms between the frames and drifted by {:.1} mrad (u {:.1}) over \
-                 the sequence, a pixel's phase is known to {:.1} mrad: the part or the camera was not at rest; measure again, clamp it, \
-                 or wait longer",
-                self.rms_rad * 1e3,
+                "camera \"{camera}\": the fringes {shook}drifted by {:.1} mrad (u {:.1}) over the sequence, a pixel's phase is known to \
+                 {:.1} mrad: the part or the camera was not at rest; measure again, clamp it, or wait longer",
                 self.drift_rad * 1e3,
                 self.u_drift_rad * 1e3,
                 self.sigma_rad * 1e3
@@ -132,7 +135,18 @@ pub(super) fn between_steps(samples: &Samples) -> Option<StepMotion> {
     let weights = counts.map(|count| mean / count);
     let mut sums = LaneSums::ZERO;
     vectorised!(samples.level(), sums.fill(samples, &unit, &weights));
-    sums.joined().solve(&plan.shifts_rad[..steps])
+    let mut motion = sums.joined().solve(&plan.shifts_rad[..steps])?;
+    let rounded = rounded_rad(plan.period_px, steps);
+    motion.u_per_frame_rad = (motion.u_per_frame_rad * motion.u_per_frame_rad + rounded * rounded).sqrt();
+    Some(motion)
+}
+
+/// What the rounding of the pattern to eight bits does to a steady drift, standard deviation, rad per frame: each frame has the errors of
+/// the columns of one period, which move its fringes alike in all pixels.
+fn rounded_rad(period_px: f64, steps: usize) -> f64 {
+    let n = steps as f64;
+    let of_a_frame = ROUNDED * (2.0 / period_px.max(1.0)).sqrt();
+    of_a_frame / (n * (n * n - 1.0) / 12.0).sqrt()
 }
 
 /// Counts the pixels by their phase.

@@ -171,11 +171,13 @@ fn feature(raw: RawFeature, plan: &mut Plan) -> Result<Feature, PlanError> {
         RawFeature::SphereDiameter { name, element, nominal_mm, tolerance_mm, u_system_mm } => {
             let place = within(&name);
             let quantity = Quantity::SphereDiameter(elements.find(&place, "element", "sphere", &element)?);
+            let nominal_mm = place.positive("nominal_mm", nominal_mm)?;
             tolerated(&place, name, quantity, nominal_mm, tolerance_mm, u_system_mm)
         }
         RawFeature::CentreDistance { name, elements: names, nominal_mm, tolerance_mm, u_system_mm } => {
             let place = within(&name);
             let quantity = Quantity::CentreDistance(elements.two(&place, "sphere", &names)?);
+            let nominal_mm = place.positive("nominal_mm", nominal_mm)?;
             tolerated(&place, name, quantity, nominal_mm, tolerance_mm, u_system_mm)
         }
         RawFeature::PlaneFlatness { name, element, limit_mm, filter_mm, u_system_mm } => {

@@ -23,6 +23,18 @@ pub enum MeasureError {
         /// Smallest number of points.
         needs: usize,
     },
+    /// Copies of few points.
+    #[error(
+        "element {element}: its points lie at {places} different places, needs {needs}: a point counts once; measure the element again"
+    )]
+    Repeated {
+        /// Name of the element.
+        element: String,
+        /// Different places.
+        places: usize,
+        /// Smallest number of points.
+        needs: usize,
+    },
     /// The points fill the region instead of lying on a surface.
     #[error(
         "element {element}: its points scatter by {sigma_mm:.3} mm in a region of ±{margin_mm} mm, limit \

@@ -2,6 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use std::collections::BTreeSet;
+
 use super::MeasureError;
 use super::associate::{associated, outlined};
 use super::filter::Across;
@@ -81,6 +83,19 @@ pub(super) fn choose(
     Err(MeasureError::TooFewPoints { element, points, without_normals, needs })
 }
 
+/// Refuses points of which too few differ: a fit through the others would leave no residual, and seem exact.
+fn refuse_copies(element: &Element, given: &[Point3<f64>]) -> Result<(), MeasureError> {
+    let needs = element.min_points;
+    let mut places = BTreeSet::new();
+    for point in given {
+        places.insert([point.x, point.y, point.z].map(f64::to_bits));
+        if places.len() >= needs {
+            return Ok(());
+        }
+    }
+    Err(MeasureError::Repeated { element: element.name.clone(), places: places.len(), needs })
+}
+
 /// Positions of chosen samples.
 pub(super) fn positions(samples: &[Sample], chosen: &[u32]) -> Vec<Point3<f64>> {
     chosen.iter().map(|place| Point3::from(samples[*place as usize].position)).collect()
@@ -138,6 +153,7 @@ pub(super) fn measure(
     }
     let chosen = choose(element, &region, samples, element.min_points)?;
     let given = positions(samples, &chosen);
+    refuse_copies(element, &given)?;
     let fitted = fit(element, &given, correlation)?;
     let (found, behind) = associated(element, given, fitted, correlation)?;
     check(element, &found)?;

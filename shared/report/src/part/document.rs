@@ -17,6 +17,16 @@ pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
          is proven (ISO 14253-1). Lengths in mm, angles in degrees.",
         input.guard_factor
     )));
+    blocks.push(Block::Heading("Where the uncertainty comes from".into()));
+    blocks.push(Block::Table(shares(input)));
+    blocks.push(Block::Small(match input.shares {
+        Some(_) => "Standard uncertainties by the scatter of the points, by the covariance of the rig's calibration, and what the plan states \
+                    for everything else (u_system: temperature, artefact). u is the root of the sum of their squares."
+            .into(),
+        None => "Standard uncertainties by the scatter of the points, and what the plan states for everything else (u_system). The \
+                 calibration of the rig is not part of u, unless the plan states it; where neither does, u describes repeatability only."
+            .into(),
+    }));
     blocks.push(Block::Heading("Elements".into()));
     blocks.push(Block::Table(elements(&result.elements)));
     if !result.constructed.is_empty() {
@@ -93,6 +103,29 @@ fn features(input: &PartInput<'_>) -> Table {
         ]
     };
     Table { columns, rows: input.result.features.iter().map(row).collect() }
+}
+
+/// What the uncertainty of each feature is made of.
+fn shares(input: &PartInput<'_>) -> Table {
+    let names = [
+        ("Feature", 2.8, false),
+        ("Points", 1.2, true),
+        ("Calibration", 1.2, true),
+        ("Plan (u_system)", 1.4, true),
+        ("u", 1.2, true),
+        ("Unit", 0.8, false),
+    ];
+    let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
+    let row = |(index, f): (usize, &FeatureResult)| {
+        let d = digits(f) + 1;
+        let number = |value: Option<f64>| Cell::plain(value.map_or_else(|| NONE.to_owned(), |v| fixed(v, d)));
+        let parts = [f.u_noise, input.share(index), Some(f.u_system), f.u].map(number);
+        let mut cells = vec![Cell::plain(&f.name)];
+        cells.extend(parts);
+        cells.push(Cell::plain(f.unit.to_string()));
+        cells
+    };
+    Table { columns, rows: input.result.features.iter().enumerate().map(row).collect() }
 }
 
 fn elements(all: &[ElementResult]) -> Table {

@@ -9,16 +9,16 @@ use metrology::inspection::FeatureResult;
 use std::fmt::Write as _;
 
 const HEAD: &str = "plan,date,part_verdict,feature,value,unit,u,nominal,deviation,lower,upper,verdict,points,rejected,reason,\
-                    definition,guard_factor";
+                    definition,guard_factor,u_points,u_calibration,u_system";
 
 /// One line a feature, with a head. Lines end in CR LF.
 pub fn csv(input: &PartInput<'_>) -> String {
     let mut text = format!("{HEAD}\r\n");
     let number = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
-    for f in &input.result.features {
+    for (index, f) in input.result.features.iter().enumerate() {
         let _ = write!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
             csv_field(&input.result.plan),
             csv_field(input.date),
             verdict_key(Some(input.result.verdict)),
@@ -36,6 +36,9 @@ pub fn csv(input: &PartInput<'_>) -> String {
             csv_field(f.reason.as_deref().unwrap_or_default()),
             csv_field(f.detail.as_deref().unwrap_or_default()),
             input.guard_factor,
+            number(f.u_noise),
+            number(input.share(index)),
+            f.u_system,
         );
     }
     text

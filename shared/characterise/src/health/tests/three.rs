@@ -132,7 +132,8 @@ fn lengths_leave_out_places_that_they_contradict() {
         estimate_view(&right, &partners([&left, &projector], &seen, lit), None, &EXACT_PHASE).unwrap()
     });
     let by = [0.0, -400.0, 0.0, -0.8, 0.0, 0.0, 0.0];
-    let reading = |error_mm: f64| LengthReading { error_mm, u_mm: 1e-3, certified_mm: 100.0, by };
+    let reading =
+        |error_mm: f64| LengthReading { error_mm, u_mm: 1e-3, certified_mm: 100.0, u_certified_mm: 0.0, by };
     let near = with.clone().with_lengths(&[reading(0.002)]);
     assert!(near.three_views[0].agrees() && near.weight.at(3, 3) > with.weight.at(3, 3));
     let far = with.clone().with_lengths(&[reading(0.2)]);

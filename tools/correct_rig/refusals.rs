@@ -1,0 +1,79 @@
+//! Why no corrected rig is written, in words.
+
+use super::shown::Link;
+use super::{Args, Judge, PairAfter, devices};
+use anyhow::{Result, bail};
+use characterise::health::{LengthReading, ViewCorrection};
+
+impl Judge<'_> {
+    /// A rig that its own check would call unhealthy is none to write.
+    pub(super) fn refuse_unhealthy(&self, args: &Args, after: &[PairAfter]) -> Result<()> {
+        let Some(worst) =
+            after.iter().filter(|pair| !pair.healthy).max_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
+        else {
+            return Ok(());
+        };
+        let remedy = if args.length.is_empty() {
+            "record the object in more places, or calibrate again"
+        } else {
+            "the certified lengths contradict the residuals: check the lengths in the plan against the certificate, and whether it is this standard"
+        };
+        bail!(
+            "{}: with \"{}\" corrected pair \"{}\" would not be healthy ({:.4} px rms before, {:.4} px after), so that no rig is written; {remedy}",
+            self.rig_file.path.display(),
+            self.view,
+            worst.name,
+            worst.before_px,
+            worst.rms_px
+        );
+    }
+
+    /// What to tell where the residuals leave lengths open.
+    pub(super) fn lengths_open(
+        &self,
+        links: &[Link],
+        models: &[ViewCorrection],
+        (apart, u_scale): (f64, Option<f64>),
+    ) -> String {
+        let list: Vec<String> = models
+            .iter()
+            .map(|model| format!("{} (χ² {:.1} of {:.1})", model.name(), model.chi2, model.limit))
+            .collect();
+        let remedy = match u_scale {
+            None => "record a length standard and name its plan with --length".to_owned(),
+            Some(u) => format!(
+                "the certified lengths show it to {:.1} µm in 100 mm (standard uncertainty): record the length standard in more places, tilted by \
+                 30° between them, or a longer or better known one, or calibrate again",
+                u * 1e5
+            ),
+        };
+        format!(
+            "{}: \"{}\" drifted by {}, but the residuals leave lengths open by {:.1} µm in 100 mm: how far it went along the baseline to \
+             {} does not show; {remedy}",
+            self.rig_file.path.display(),
+            self.view,
+            list.join(" or by "),
+            apart * 1e5,
+            devices(links).iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
+        )
+    }
+
+    /// What to tell where no model explains the certified lengths along with the residuals.
+    pub(super) fn lengths_contradict(&self, args: &Args, readings: &[LengthReading]) -> String {
+        let off = |reading: &&LengthReading| {
+            reading.error_mm.abs() / reading.u_mm.hypot(reading.u_certified_mm).max(1e-9)
+        };
+        let worst = readings.iter().max_by(|a, b| off(a).total_cmp(&off(b)));
+        let told = worst.map_or_else(String::new, |reading| {
+            let certified = reading.certified_mm;
+            format!(": {certified:.4} mm are certified, {:.4} mm were measured", certified - reading.error_mm)
+        });
+        let plans: Vec<String> = args.length.iter().map(|path| path.display().to_string()).collect();
+        format!(
+            "{}: the certified lengths contradict the residuals of \"{}\"{told}; check the lengths in the plan against the certificate, their \
+             unit, and whether it is this standard",
+            plans.join(", "),
+            self.view
+        )
+    }
+}
