@@ -4,7 +4,7 @@ use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle
 use anyhow::Result;
 use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
-use fringe::decode::{FrameOrder, Motion};
+use fringe::decode::{DecodeReport, Fault as FrameFault, FrameOrder, Motion};
 use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
@@ -12,6 +12,9 @@ use ipc::os::now_ns;
 use ipc::output_hash;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
+
+/// Light that changes by less than this part of itself is no matter of the result.
+const TOLD_FLICKER: f64 = 0.05;
 
 /// The decoder of one projector.
 struct Light {
@@ -60,7 +63,7 @@ struct Counts<'a> {
     order: FrameOrder,
     /// How the fringes moved between the frames; null where the steps do not tell.
     motion: Option<Motion>,
-    /// Where the frames contradict what the rig file states of the camera, and motion beyond the uncertainty.
+    /// Where the frames contradict what the rig file states of the camera, motion beyond the uncertainty, and faults of frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
@@ -173,11 +176,24 @@ impl Decode {
             order: report.order,
             motion: report.motion,
             findings: report.findings.iter().map(ToString::to_string).collect(),
-            warnings: report.warnings(context.cell.graph.camera_name(self.camera)),
+            warnings: warnings(&report, context.cell.graph.camera_name(self.camera)),
         })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
         context.done_hashed(work, start_ns, output, Report { count: report.valid, text })
     }
+}
+
+/// What stands beside the verdict: what was made up for as well, for it says that something is wrong with light, part or camera.
+fn warnings(report: &DecodeReport, camera: &str) -> Vec<String> {
+    let mut all = report.warnings(camera);
+    all.extend(report.findings.iter().filter_map(|found| match found.fault {
+        FrameFault::Flicker(part) if part < TOLD_FLICKER => None,
+        FrameFault::Flicker(_) => Some(format!(
+            "camera \"{camera}\": {found}; the lamp is not steady, or the part or the camera moved between the frames: measure again"
+        )),
+        _ => Some(format!("camera \"{camera}\": {found}")),
+    }));
+    all
 }
 
 fn light_of(lights: &[Light], work: Work) -> Option<usize> {

@@ -1,5 +1,6 @@
 //! Recordings with faults: named on the console and in JSON, and used where what is left determines the phase. Clean ones raise no alarm.
 
+use crate::running::{Cell, results, text};
 use crate::support::{Small, fringetool, real_data};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -44,6 +45,21 @@ fn faulty_frames_are_named_and_the_others_are_used() {
     assert!(console.contains("frame 4 of set 1 is black; left out"), "{console}");
     assert!(valid(&black) * 100 > valid(&clean) * 97, "{} of {}", valid(&black), valid(&clean));
     assert!(points(&small) * 100 > before * 95, "{} of {before}", points(&small));
+}
+
+/// Proves: what the decoder of a cell makes up for stands with the result, and beside the verdict in the report.
+#[test]
+fn a_cell_says_which_frame_it_made_up_for() {
+    let cell = Cell::played("dirty", 0.0, "");
+    let place = cell.small.path("rec/frames/proj1/cam1/003.png");
+    let picture = image::open(&place).unwrap().into_luma8();
+    image::GrayImage::new(picture.width(), picture.height()).save(&place).unwrap();
+    let ran = cell.run("played.toml", &["--cycles", "1"]);
+    assert_eq!(ran.status.code(), Some(0), "{}", text(&ran.stderr));
+    let told = "camera \"cam1\": frame 4 of set 1 is black; left out";
+    assert_eq!(results(&cell.out())[0]["warnings"], serde_json::json!([told]));
+    let report = std::fs::read_to_string(cell.out().join("report.html")).unwrap();
+    assert!(report.contains(&format!("<b>Warning:</b> {}", told.replace('"', "&quot;"))));
 }
 
 #[test]

@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let covariance = files::rig_file::covariance_beside(&args.out);
     let outputs = [
         ("--out", Some(args.out.as_path())),
-        ("--out with its covariance in", Some(covariance.as_path())),
+        ("the covariance of --out", Some(covariance.as_path())),
         ("--report", args.report.as_deref()),
         ("--json", args.json.as_deref()),
     ];

@@ -115,7 +115,7 @@ fn check_places(args: &Args, further: &[&Path]) -> Result<()> {
     let covariance = covariance_beside(&args.out);
     let outputs = [
         ("--out", Some(args.out.as_path())),
-        ("--out with its covariance in", Some(covariance.as_path())),
+        ("the covariance of --out", Some(covariance.as_path())),
         ("--json", args.json.as_deref()),
     ];
     Ok(check_outputs(&outputs, &inputs, None)?)

@@ -88,3 +88,92 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
     }
     Ok(shares)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use files::plan_file::read_plan;
+    use files::rig_file::{CovarianceRef, covariance_beside, write_rig};
+    use fringe::geometry::camera::{Camera, Lens, pose};
+    use fringe::geometry::rig::{Named, Pair, Rig};
+
+    fn rig() -> Rig {
+        let camera = |name: &str, x: f64, turn: f64| {
+            let (sin, cos) = fringe::math::sincos(turn);
+            let camera = Camera {
+                width_px: 1000,
+                height_px: 800,
+                focal_px: [2000.0; 2],
+                principal_point_px: [500.0, 400.0],
+                skew: 0.0,
+                distortion: Lens::default(),
+                camera_from_world: pose(
+                    [[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]],
+                    [-x, 0.0, 500.0],
+                )
+                .unwrap(),
+            };
+            Named { name: name.into(), camera }
+        };
+        let pair =
+            Pair { name: "pair1".into(), left: "a".into(), right: "b".into(), projector: String::new() };
+        Rig {
+            cameras: vec![camera("a", -80.0, 0.15), camera("b", 80.0, -0.15)],
+            pairs: vec![pair],
+            ..Rig::default()
+        }
+    }
+
+    /// Proves: a covariance ten thousand times as large gives a share a hundred times as large, although its modes move the sphere out of its
+    /// region; one that moves it whatever part is taken is refused with the feature.
+    #[test]
+    fn a_share_is_found_however_large_the_covariance_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rig.toml");
+        let share = |factor: f64| {
+            let variance =
+                |i: usize, j: usize| if i == j && i.is_multiple_of(2) { factor * 1e-3 } else { 0.0 };
+            let matrix: Vec<Vec<f64>> = (0..4).map(|i| (0..4).map(|j| variance(i, j)).collect()).collect();
+            let text = serde_json::json!({
+                "format": "fringecell-covariance/1", "devices": ["a", "b"], "parameters": PARAMETERS[..2], "matrix": matrix,
+            });
+            let beside = covariance_beside(&path);
+            std::fs::write(&beside, text.to_string()).unwrap();
+            let reference = CovarianceRef {
+                file: beside.file_name().unwrap().to_string_lossy().into_owned(),
+                sha256: files::hash::sha256_hex(text.to_string().as_bytes()),
+            };
+            write_rig(&path, &rig(), &toml::Table::new(), Some(&reference)).unwrap();
+            let plan = folder.path().join("ball.plan.toml");
+            std::fs::write(
+                &plan,
+                "format = \"fringecell-plan/1\"\nname = \"ball\"\n[[element]]\nkind = \"sphere\"\nname = \"s\"\n\
+                 center_mm = [0.0, 0.0, 0.0]\ndiameter_mm = 20.0\nmargin_mm = 1.0\nmin_points = 10\n[[feature]]\n\
+                 kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
+            )
+            .unwrap();
+            // Half a sphere that both cameras see, turned about its axis.
+            let point = |i: usize| {
+                let (z, turn) = (-0.1 - 0.8 * i as f64 / 400.0, 2.4 * i as f64);
+                let (sin, cos) = fringe::math::sincos(turn);
+                let ring = (1.0 - z * z).sqrt();
+                let out = [ring * cos, ring * sin, z];
+                Point {
+                    position_mm: out.map(|v| 10.0 * v),
+                    normal: out.map(|v| v as f32),
+                    sigma_mm: 0.01,
+                    modulation: 80.0,
+                    pair: 0,
+                    pixel: 0,
+                    reserved: 0,
+                }
+            };
+            let points: Vec<Point> = (0..400).map(point).collect();
+            shares(&read_plan(&plan).unwrap().0, &points, &read_rig(&path).unwrap())
+        };
+        let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap()[0].unwrap());
+        assert!(small > 1e-4 && (0.5..2.0).contains(&(large / small / 100.0)), "{small} mm, {large} mm");
+        let refused = share(1e20).unwrap_err().to_string();
+        assert!(refused.contains("feature \"d\" so far that it cannot be measured"), "{refused}");
+    }
+}

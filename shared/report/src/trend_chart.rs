@@ -72,7 +72,9 @@ fn dates(page: &mut Page, entries: &[TrendEntry]) {
         svg::text(page, [x(index, count), 292.0], 13.0, Anchor::Middle, &day);
     }
     let below = [0.5 * (LEFT + RIGHT), 316.0];
-    svg::text(page, below, 13.0, Anchor::Middle, &format!("{count} checks in the order of the file"));
+    let checks =
+        if count == 1 { "1 check".to_owned() } else { format!("{count} checks, in the order of the file") };
+    svg::text(page, below, 13.0, Anchor::Middle, &checks);
 }
 
 fn line(page: &mut Page, entries: &[TrendEntry], name: &str, index: usize) {

@@ -318,7 +318,7 @@ impl RuleSet {
         let mut list = Vec::new();
         if assumed(self.reject_fraction.status) {
             let RejectFraction { most, source, .. } = &self.reject_fraction;
-            list.push(format!("rejected fraction at most {most} ({source})"));
+            list.push(format!("rejected fraction at most {:.2} % ({source})", 100.0 * most));
         }
         if let Some(retest) = self.retest.as_ref().filter(|r| assumed(r.status)) {
             let RetestRule { most_positions, measurements, source, .. } = retest;

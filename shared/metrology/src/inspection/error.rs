@@ -30,7 +30,7 @@ pub enum MeasureError {
     Repeated {
         /// Name of the element.
         element: String,
-        /// Different places.
+        /// Number of places that differ.
         places: usize,
         /// Smallest number of points.
         needs: usize,

@@ -186,6 +186,39 @@ fn clouds_that_are_not_the_part_are_refused_with_a_reason() {
     }
 }
 
+/// A sphere through four places leaves no residual: copies of them are no measurement, however many there are.
+#[test]
+fn copies_of_few_points_are_no_measurement() {
+    let plan = Plan::from_toml(
+        "format = \"fringecell-plan/1\"\nname = \"ball\"\n[[element]]\nkind = \"sphere\"\nname = \"s\"\n\
+         center_mm = [0.0, 0.0, 0.0]\ndiameter_mm = 20.0\nmargin_mm = 1.0\nmin_points = 10\n[[feature]]\n\
+         kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
+    )
+    .unwrap();
+    let mut noise = Noise(3);
+    let mut point = |_: usize| {
+        let out = noise.direction();
+        let off = 10.0 + 0.01 * noise.normal();
+        Point {
+            position_mm: out.map(|v| off * v).into(),
+            normal: out.map(|v| v as f32).into(),
+            sigma_mm: 0.01,
+            modulation: 80.0,
+            pair: 0,
+            pixel: 0,
+            reserved: 0,
+        }
+    };
+    let four: Vec<Point> = (0..4).map(&mut point).collect();
+    let many: Vec<Point> = (0..40).map(&mut point).collect();
+    let result = evaluate(&plan, &four.iter().cycle().take(20).copied().collect::<Vec<_>>());
+    let found = find(&result, "d");
+    assert!(
+        found.value.is_none() && found.reason.as_ref().unwrap().contains("at 4 different places, needs 10")
+    );
+    assert_eq!(find(&evaluate(&plan, &many), "d").verdict, Some(Verdict::Pass));
+}
+
 #[test]
 fn the_same_cloud_gives_the_same_bits_and_a_readable_result() {
     let cloud = Setup { pitch_mm: 1.0, ..Setup::new(8) }.cloud();
