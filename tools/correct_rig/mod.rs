@@ -13,13 +13,14 @@ use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
     Choice, HealthSettings, LengthReading, PairCovariance, Partner, ThreeViews, ViewCorrection,
-    ViewCovariance, check_pair, estimate_view,
+    ViewCovariance, ViewEstimate, check_pair, estimate_view,
 };
 use files::provenance::Provenance;
 use files::recording::RECORDING_FILE;
 use files::rig_file::{Covariance, RigFile, covariance_beside, read_rig};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
+use refusals::contradict_all;
 use shown::{Link, Shown};
 use std::path::{Path, PathBuf};
 
@@ -235,9 +236,7 @@ impl Judge<'_> {
         let readings = length::readings(args, shown, self, &estimate)?;
         let all: Vec<LengthReading> = readings.iter().flatten().copied().collect();
         let without_lengths = estimate.models().into_iter().find(ViewCorrection::is_possible);
-        if !all.is_empty() {
-            estimate = estimate.with_lengths(&all);
-        }
+        estimate = self.with_lengths(args, estimate, &all)?;
         let models = estimate.models();
         let view = match estimate.choose() {
             Some(Choice::Clear(view)) => *view,
@@ -245,7 +244,8 @@ impl Judge<'_> {
                 bail!(self.lengths_open(links, &models, (apart, estimate.u_scale)))
             }
             None if !all.is_empty() && without_lengths.is_some() => {
-                bail!(self.lengths_contradict(args, &all))
+                let what = format!("the residuals of \"{}\"", self.view);
+                bail!(self.lengths_contradict(args, &all, &what))
             }
             None => bail!(
                 "{path}: the residuals of \"{}\" contradict every model of its drift; calibrate again",
@@ -261,6 +261,24 @@ impl Judge<'_> {
         let doubted = without_lengths.filter(|simple| !all.is_empty() && contradicted(simple));
         let places = estimate.three_views.iter().map(named).collect();
         Ok(Found { view, models, baseline, u_scale, exact, lengths, doubted, places })
+    }
+
+    /// The estimate with the certified lengths that were measured.
+    fn with_lengths(
+        &self,
+        args: &Args,
+        estimate: ViewEstimate,
+        all: &[LengthReading],
+    ) -> Result<ViewEstimate> {
+        if all.is_empty() {
+            return Ok(estimate);
+        }
+        let estimate = estimate.with_lengths(all);
+        if contradict_all(&estimate.three_views) {
+            let what = "what fixed views measure together that have no single one in common";
+            bail!(self.lengths_contradict(args, all, what));
+        }
+        Ok(estimate)
     }
 
     fn covariance_of(&self, link: &Link) -> Option<PairCovariance> {

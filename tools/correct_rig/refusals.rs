@@ -3,7 +3,7 @@
 use super::shown::Link;
 use super::{Args, Judge, PairAfter, devices};
 use anyhow::{Result, bail};
-use characterise::health::{LengthReading, ViewCorrection};
+use characterise::health::{LengthReading, ThreeViews, ViewCorrection};
 
 impl Judge<'_> {
     /// A rig that its own check would call unhealthy is none to write.
@@ -58,8 +58,8 @@ impl Judge<'_> {
         )
     }
 
-    /// What to tell where no model explains the certified lengths along with the residuals.
-    pub(super) fn lengths_contradict(&self, args: &Args, readings: &[LengthReading]) -> String {
+    /// What to tell where certified lengths contradict `what`.
+    pub(super) fn lengths_contradict(&self, args: &Args, readings: &[LengthReading], what: &str) -> String {
         let off = |reading: &&LengthReading| {
             reading.error_mm.abs() / reading.u_mm.hypot(reading.u_certified_mm).max(1e-9)
         };
@@ -70,10 +70,49 @@ impl Judge<'_> {
         });
         let plans: Vec<String> = args.length.iter().map(|path| path.display().to_string()).collect();
         format!(
-            "{}: the certified lengths contradict the residuals of \"{}\"{told}; check the lengths in the plan against the certificate, their \
-             unit, and whether it is this standard",
+            "{}: with \"{}\" corrected the certified lengths contradict {what}{told}; check the lengths in the plan against the certificate, \
+             their unit, and whether it is this standard, or calibrate again",
             plans.join(", "),
             self.view
         )
+    }
+}
+
+/// Whether certified lengths contradict places whose views have none in common: no single one that moved explains that.
+pub(super) fn contradict_all(places: &[ThreeViews]) -> bool {
+    let wrong: Vec<[usize; 2]> = places
+        .iter()
+        .filter(|three| !three.lengths_agree)
+        .map(|three| [three.device, three.projector])
+        .collect();
+    let Some(first) = wrong.first() else { return false };
+    !first.iter().any(|device| wrong.iter().all(|other| other.contains(device)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Proves: one view that all contradicted places have in common may have moved; several without a common one have not all moved alike.
+    #[test]
+    fn a_certificate_against_all_views_is_refused() {
+        let three = |(device, projector, lengths_agree): (usize, usize, bool)| ThreeViews {
+            device,
+            projector,
+            used: 1000,
+            chi2: 1.0,
+            limit: 9.0,
+            lengths_agree,
+        };
+        let refused = |all: &[(usize, usize, bool)]| {
+            contradict_all(&all.iter().copied().map(three).collect::<Vec<_>>())
+        };
+        assert!(!refused(&[]) && !refused(&[(0, 5, true), (1, 6, true)]));
+        assert!(!refused(&[(0, 5, false)]) && !refused(&[(0, 5, false), (1, 5, false)]));
+        assert!(!refused(&[(0, 5, false), (1, 6, true)]));
+        assert!(
+            refused(&[(0, 5, false), (1, 6, false)])
+                && refused(&[(0, 5, false), (1, 5, false), (0, 6, false)])
+        );
     }
 }
