@@ -137,9 +137,12 @@ fn a_supervisor_that_panics_waits_for_the_disk() {
     cell.until("in its first cycle", |status| status["cycle"].is_u64());
     std::fs::write(cell.small.path("hangs"), "").unwrap();
     std::fs::write(cell.small.path("requests/supervisor"), "").unwrap();
-    while cell.status().is_some() {
+    let request = cell.small.folder.path().join("requests/supervisor");
+    while request.exists() {
         std::thread::sleep(Duration::from_millis(10));
     }
+    // Long enough for the stages to end, and shorter than a disk is waited for.
+    std::thread::sleep(Duration::from_secs(4));
     assert!(run.try_wait().unwrap().is_none(), "ended before the disk answered");
     std::fs::remove_file(cell.small.path("hangs")).unwrap();
     let output = wait(run);
