@@ -136,8 +136,8 @@ fn a_supervisor_that_panics_waits_for_the_disk() {
     let mut run = run.env("FRINGECELL_PANIC_DRILL", cell.small.path("requests")).spawn().unwrap();
     cell.until("in its first cycle", |status| status["cycle"].is_u64());
     std::fs::write(cell.small.path("hangs"), "").unwrap();
-    std::fs::write(cell.small.path("requests/supervisor"), "").unwrap();
     let request = cell.small.folder.path().join("requests/supervisor");
+    std::fs::write(&request, "").unwrap();
     while request.exists() {
         std::thread::sleep(Duration::from_millis(10));
     }

@@ -8,6 +8,7 @@ use characterise::health::{KNOWN_LENGTH, LengthReading, ViewEstimate};
 use files::rig_file::RigFile;
 use fringe::geometry::camera::Camera;
 use metrology::inspection::{Plan, Quantity, evaluate};
+use std::collections::BTreeSet;
 
 /// A measured length this many standard uncertainties from the certified one is wrong; the calibration adds to them what a good one leaves.
 const WRONG: f64 = 3.5;
@@ -96,25 +97,22 @@ fn readings_of(
     estimate.readings(&certified, |view| lengths(plan, &decoded, &seen(view)))
 }
 
-/// Certified lengths of the plans whose certificate's uncertainty is not stated, in words.
-pub fn exact(args: &Args, shown: &[Shown]) -> Vec<String> {
-    let mut names: Vec<&str> = shown
-        .iter()
-        .filter_map(|shown| shown.plan.as_ref())
-        .flat_map(|plan| &plan.features)
-        .filter(|feature| is_length(&feature.quantity) && feature.u_system == 0.0)
-        .map(|feature| feature.name.as_str())
-        .collect();
-    names.sort_unstable();
-    names.dedup();
-    let path = args.length.first().map(|path| path.display().to_string()).unwrap_or_default();
-    let warning = |name: &str| {
-        format!(
-            "{path}: feature \"{name}\" has no u_system_mm, so that its certified length counts as exact; state the standard \
-             uncertainty of its certificate"
-        )
+/// Certified lengths of the plans whose certificate's uncertainty is not stated, in words, each once.
+pub fn exact(shown: &[Shown]) -> Vec<String> {
+    let of = |shown: &Shown| -> Vec<String> {
+        let (Some(plan), Some(text)) = (&shown.plan, &shown.plan_text) else { return Vec::new() };
+        let exact =
+            plan.features.iter().filter(|feature| is_length(&feature.quantity) && feature.u_system == 0.0);
+        let warning = |name: &str| {
+            format!(
+                "{}: feature \"{name}\" has no u_system_mm, so that its certified length counts as exact; state the standard \
+                 uncertainty of its certificate",
+                text.path.display()
+            )
+        };
+        exact.map(|feature| warning(&feature.name)).collect()
     };
-    names.into_iter().map(warning).collect()
+    shown.iter().flat_map(of).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 fn is_length(quantity: &Quantity) -> bool {

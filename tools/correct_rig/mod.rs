@@ -57,7 +57,6 @@ pub struct Args {
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
-    check_places(args, &[])?;
     let settings = HealthSettings {
         false_alarm: args.false_alarm,
         phase_error_px: args.phase_error_px,
@@ -65,13 +64,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     settings.check()?;
     let rig_file = read_rig(&args.rig)?;
+    check_places(args, &rig_file)?;
     if let Some(view) = &args.view {
         camera(&rig_file.rig, view).with_context(|| {
             format!("--view {view}: name a camera or projector of {}", args.rig.display())
         })?;
     }
-    let known = rig_file.covariance.as_ref().map(|named| rig_file.path.with_file_name(&named.file));
-    check_places(args, &known.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
     let covariance = rig_file.read_covariance()?;
     let shown = shown::shown(args, &rig_file, covariance.as_ref(), &settings)?;
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
@@ -108,11 +106,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Refuses outputs that would overwrite each other, an input, or one of the further inputs.
-fn check_places(args: &Args, further: &[&Path]) -> Result<()> {
+/// Refuses outputs that would overwrite each other or an input, of which the covariance beside the rig file is one.
+fn check_places(args: &Args, rig_file: &RigFile) -> Result<()> {
     let files: Vec<PathBuf> = args.recordings.iter().map(|folder| folder.join(RECORDING_FILE)).collect();
-    let own = std::iter::once(&args.rig).chain(&files).chain(&args.length).map(PathBuf::as_path);
-    let inputs: Vec<&Path> = own.chain(further.iter().copied()).collect();
+    let known = rig_file.covariance.as_ref().map(|named| rig_file.path.with_file_name(&named.file));
+    let all = std::iter::once(&args.rig).chain(&files).chain(&args.length).chain(&known);
+    let inputs: Vec<&Path> = all.map(PathBuf::as_path).collect();
     let covariance = covariance_beside(&args.out);
     let outputs = [
         ("--out", Some(args.out.as_path())),
@@ -254,7 +253,7 @@ impl Judge<'_> {
         };
         let baseline = (!all.is_empty()).then(|| baseline(&view, start, &partners)).flatten();
         let lengths = readings.iter().map(Vec::len).collect();
-        let (u_scale, exact) = (estimate.u_scale, length::exact(args, shown));
+        let (u_scale, exact) = (estimate.u_scale, length::exact(shown));
         let contradicted = |simple: &ViewCorrection| {
             models.iter().any(|model| model.changes == simple.changes && !model.is_possible())
         };

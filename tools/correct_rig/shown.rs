@@ -5,7 +5,6 @@ use crate::check_rig::{Examined, PairCheck, check_pairs, examine, suspects};
 use anyhow::{Result, bail};
 use characterise::health::{HealthError, HealthSettings, Match};
 use files::document::Document;
-use files::hash::sha256_hex;
 use files::plan_file::read_plan;
 use files::recording::Recording;
 use files::rig_file::{Covariance, RigFile};
@@ -19,8 +18,8 @@ pub struct Shown {
     pub recording: Recording,
     /// Inspection of the length standard in it.
     pub plan: Option<Plan>,
-    /// Hash of the plan's text.
-    pub plan_sha256: Option<String>,
+    /// The plan as written.
+    pub plan_text: Option<Document>,
     /// Every pair that it checks, with its matches.
     pub checks: Vec<Examined>,
 }
@@ -74,8 +73,8 @@ pub fn shown(
             );
         }
         let plan = plans.get(if plans.len() > 1 { index } else { 0 });
-        let plan_sha256 = plan.map(|(_, document)| sha256_hex(document.text.as_bytes()));
-        all.push(Shown { recording, plan: plan.map(|(plan, _)| plan.clone()), plan_sha256, checks });
+        let (plan, plan_text) = plan.cloned().unzip();
+        all.push(Shown { recording, plan, plan_text, checks });
     }
     Ok(all)
 }

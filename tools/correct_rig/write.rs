@@ -10,8 +10,7 @@ use serde_json::{Value, json};
 
 /// Writes the covariance, then the rig file that names it.
 pub fn write(args: &Args, shown: &[Shown], judge: &Judge, whole: &Found) -> Result<()> {
-    let found = whole;
-    let Found { view: found, baseline, u_scale, .. } = found;
+    let Found { view: found, baseline, u_scale, .. } = whole;
     let warnings = warnings(whole);
     let rig = judge.rig_with(&found.camera);
     let reference = covariance(args, judge, found)?;
@@ -35,7 +34,10 @@ pub fn write(args: &Args, shown: &[Shown], judge: &Judge, whole: &Found) -> Resu
     if let Some(baseline) = baseline {
         entry.insert("baseline_factor".into(), baseline.factor.into());
     }
-    let plans: Vec<&str> = shown.iter().filter_map(|shown| shown.plan_sha256.as_deref()).collect();
+    let plans: Vec<String> = shown
+        .iter()
+        .filter_map(|shown| Some(files::hash::sha256_hex(shown.plan_text.as_ref()?.text.as_bytes())))
+        .collect();
     if !plans.is_empty() {
         entry.insert("length_plans_sha256".into(), plans.into());
         entry.insert("u_scale".into(), u_scale.unwrap_or_default().into());

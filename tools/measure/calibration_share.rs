@@ -92,37 +92,9 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use files::hash::sha256_hex;
     use files::plan_file::read_plan;
-    use files::rig_file::{CovarianceRef, covariance_beside, write_rig};
-    use fringe::geometry::camera::{Camera, Lens, pose};
-    use fringe::geometry::rig::{Named, Pair, Rig};
-
-    fn rig() -> Rig {
-        let camera = |name: &str, x: f64, turn: f64| {
-            let (sin, cos) = fringe::math::sincos(turn);
-            let camera = Camera {
-                width_px: 1000,
-                height_px: 800,
-                focal_px: [2000.0; 2],
-                principal_point_px: [500.0, 400.0],
-                skew: 0.0,
-                distortion: Lens::default(),
-                camera_from_world: pose(
-                    [[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]],
-                    [-x, 0.0, 500.0],
-                )
-                .unwrap(),
-            };
-            Named { name: name.into(), camera }
-        };
-        let pair =
-            Pair { name: "pair1".into(), left: "a".into(), right: "b".into(), projector: String::new() };
-        Rig {
-            cameras: vec![camera("a", -80.0, 0.15), camera("b", 80.0, -0.15)],
-            pairs: vec![pair],
-            ..Rig::default()
-        }
-    }
+    use files::rig_file::{CovarianceRef, covariance_beside};
 
     /// Proves: a covariance ten thousand times as large gives a share a hundred times as large, although its modes move the sphere out of its
     /// region; one that moves it whatever part is taken is refused with the feature.
@@ -130,20 +102,23 @@ mod tests {
     fn a_share_is_found_however_large_the_covariance_is() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rig.toml");
+        let demo = read_rig(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo-rig.toml")).unwrap();
         let share = |factor: f64| {
+            // Of the focal lengths along x of all cameras.
+            let size = 2 * demo.rig.cameras.len();
             let variance =
                 |i: usize, j: usize| if i == j && i.is_multiple_of(2) { factor * 1e-3 } else { 0.0 };
-            let matrix: Vec<Vec<f64>> = (0..4).map(|i| (0..4).map(|j| variance(i, j)).collect()).collect();
+            let names: Vec<&str> = demo.rig.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let matrix: Vec<Vec<f64>> =
+                (0..size).map(|i| (0..size).map(|j| variance(i, j)).collect()).collect();
             let text = serde_json::json!({
-                "format": "fringecell-covariance/1", "devices": ["a", "b"], "parameters": PARAMETERS[..2], "matrix": matrix,
-            });
-            let beside = covariance_beside(&path);
-            std::fs::write(&beside, text.to_string()).unwrap();
-            let reference = CovarianceRef {
-                file: beside.file_name().unwrap().to_string_lossy().into_owned(),
-                sha256: files::hash::sha256_hex(text.to_string().as_bytes()),
-            };
-            write_rig(&path, &rig(), &toml::Table::new(), Some(&reference)).unwrap();
+                "format": "fringecell-covariance/1", "devices": names, "parameters": PARAMETERS[..2], "matrix": matrix,
+            })
+            .to_string();
+            std::fs::write(covariance_beside(&path), &text).unwrap();
+            let reference =
+                CovarianceRef { file: "rig.covariance.json".into(), sha256: sha256_hex(text.as_bytes()) };
+            let rig_file = RigFile { path: path.clone(), covariance: Some(reference), ..demo.clone() };
             let plan = folder.path().join("ball.plan.toml");
             std::fs::write(
                 &plan,
@@ -169,7 +144,7 @@ mod tests {
                 }
             };
             let points: Vec<Point> = (0..400).map(point).collect();
-            shares(&read_plan(&plan).unwrap().0, &points, &read_rig(&path).unwrap())
+            shares(&read_plan(&plan).unwrap().0, &points, &rig_file)
         };
         let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap()[0].unwrap());
         assert!(small > 1e-4 && (0.5..2.0).contains(&(large / small / 100.0)), "{small} mm, {large} mm");

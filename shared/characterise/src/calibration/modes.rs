@@ -10,6 +10,7 @@ use fringe::cloud::Point;
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::Rig;
 use fringe::geometry::triangulate::triangulate;
+use fringe::math::linear::{Dense, pivoted_root};
 use nalgebra::Point3;
 
 /// What is left of a variance after the modes before it, as a part of it, below which it is rounding.
@@ -50,27 +51,8 @@ pub fn modes(rig: &Rig, devices: &[String], count: usize, matrix: &[f64]) -> Opt
         };
         Mode(pairs.iter().map(pair).collect())
     };
-    Some(factor(matrix.to_vec(), size).into_iter().map(mode).collect())
-}
-
-/// Columns of L with L Lᵀ = C, by Cholesky with pivots: the largest remaining part of a variance comes first.
-fn factor(mut c: Vec<f64>, size: usize) -> Vec<Vec<f64>> {
-    let whole: Vec<f64> = (0..size).map(|i| c[i * size + i]).collect();
-    let part = |c: &[f64], i: usize| if whole[i] > 0.0 { c[i * size + i] / whole[i] } else { 0.0 };
-    let mut columns = Vec::new();
-    for _ in 0..size {
-        let Some(pivot) = (0..size).max_by(|a, b| part(&c, *a).total_cmp(&part(&c, *b))) else { break };
-        if part(&c, pivot) < ROUNDING {
-            break;
-        }
-        let root = c[pivot * size + pivot].sqrt();
-        let column: Vec<f64> = (0..size).map(|i| c[i * size + pivot] / root).collect();
-        for (row, a) in c.chunks_exact_mut(size).zip(&column) {
-            row.iter_mut().zip(&column).for_each(|(c, b)| *c -= a * b);
-        }
-        columns.push(column);
-    }
-    columns
+    let whole = Dense::from_fn(size, size, |i, j| matrix[i * size + j]);
+    Some(pivoted_root(&whole, ROUNDING).0.into_iter().map(mode).collect())
 }
 
 impl Mode {
@@ -173,7 +155,8 @@ mod tests {
         let by_mode = |mode: &Mode| length(&mode.moved(&points)) - length(&points);
         let predicted = modes.iter().map(|mode| by_mode(mode).powi(2)).sum::<f64>().sqrt();
 
-        let (columns, key) = (factor(matrix, size), Key::new(3));
+        let whole = Dense::from_fn(size, size, |i, j| matrix[i * size + j]);
+        let (columns, key) = (pivoted_root(&whole, ROUNDING).0, Key::new(3));
         let mut squares = 0.0;
         let trials = 1000;
         for trial in 0..trials {

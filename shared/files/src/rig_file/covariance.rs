@@ -4,6 +4,7 @@ use super::RigFile;
 use crate::document::read_bytes;
 use crate::error::{FileError, Problem, list};
 use crate::hash::sha256_hex;
+use fringe::math::linear::{Dense, pivoted_root};
 use fringe::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -213,26 +214,10 @@ fn no_covariance(matrix: &[Vec<f64>]) -> Option<(usize, usize, &'static str)> {
             }
         }
     }
-    let lost = (size <= MOST_ROWS).then(|| negative(matrix)).flatten()?;
-    Some((lost, lost, "the correlations contradict each other: no sum of parameters has a negative variance"))
-}
-
-/// A row whose variance is negative once those before it are known: Cholesky of the correlations, the largest remaining one first.
-fn negative(matrix: &[Vec<f64>]) -> Option<usize> {
-    let size = matrix.len();
-    let sd: Vec<f64> = (0..size).map(|i| matrix[i][i].sqrt()).collect();
-    let over = |i: usize, j: usize| if sd[i] * sd[j] > 0.0 { matrix[i][j] / (sd[i] * sd[j]) } else { 0.0 };
-    let mut rest: Vec<Vec<f64>> = (0..size).map(|i| (0..size).map(|j| over(i, j)).collect()).collect();
-    for _ in 0..size {
-        let pivot = (0..size).max_by(|a, b| rest[*a][*a].total_cmp(&rest[*b][*b]))?;
-        if rest[pivot][pivot] < ROUNDING {
-            break;
-        }
-        let root = rest[pivot][pivot].sqrt();
-        let column: Vec<f64> = rest.iter().map(|row| row[pivot] / root).collect();
-        for (row, a) in rest.iter_mut().zip(&column) {
-            row.iter_mut().zip(&column).for_each(|(rest, b)| *rest -= a * b);
-        }
+    if size > MOST_ROWS {
+        return None;
     }
-    (0..size).find(|i| rest[*i][*i] < -ROUNDING.sqrt())
+    let (_, left) = pivoted_root(&Dense::from_fn(size, size, |i, j| matrix[i][j]), ROUNDING);
+    let lost = left.iter().position(|part| *part < -ROUNDING.sqrt())?;
+    Some((lost, lost, "the correlations contradict each other: no sum of parameters has a negative variance"))
 }

@@ -80,10 +80,13 @@ impl Motion {
 
     /// What a person should know, where it moved; `camera` is named.
     pub fn warning(&self, camera: &str) -> Option<String> {
-        // Shifts that noise hides are not said to be none.
-        let shook = format!("moved by {:.1} mrad rms between the frames and ", self.rms_rad * 1e3);
-        let shook = if self.rms_rad > 0.0 { shook.as_str() } else { "" };
         self.moved.then(|| {
+            // Shifts that noise hides are not said to be none.
+            let shook = if self.rms_rad > 0.0 {
+                format!("moved by {:.1} mrad rms between the frames and ", self.rms_rad * 1e3)
+            } else {
+                String::new()
+            };
             format!(
                 "camera \"{camera}\": the fringes {shook}drifted by {:.1} mrad (u {:.1}) over the sequence, a pixel's phase is known to \
                  {:.1} mrad: the part or the camera was not at rest; measure again, clamp it, or wait longer",

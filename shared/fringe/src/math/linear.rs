@@ -181,6 +181,30 @@ impl Factor {
     }
 }
 
+/// Columns of L with L Lᵀ = C for a symmetric C of any rank, and which part of each variance they leave: Cholesky with pivots, the variance
+/// of which most is left first, until less than `least` of every one is. A part below 0 says that C is no covariance.
+pub fn pivoted_root(matrix: &Dense, least: f64) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let (mut c, size) = (matrix.clone(), matrix.rows);
+    let part = |c: &Dense, i: usize| {
+        let whole = matrix.at(i, i);
+        if whole > 0.0 { c.at(i, i) / whole } else { 0.0 }
+    };
+    let mut columns = Vec::new();
+    for _ in 0..size {
+        let Some(pivot) = (0..size).max_by(|a, b| part(&c, *a).total_cmp(&part(&c, *b))) else { break };
+        if part(&c, pivot) < least {
+            break;
+        }
+        let root = c.at(pivot, pivot).sqrt();
+        let column: Vec<f64> = (0..size).map(|i| c.at(i, pivot) / root).collect();
+        for (row, a) in c.data.chunks_exact_mut(size).zip(&column) {
+            row.iter_mut().zip(&column).for_each(|(c, b)| *c -= a * b);
+        }
+        columns.push(column);
+    }
+    (columns, (0..size).map(|i| part(&c, i)).collect())
+}
+
 /// Eigenvalues of a symmetric matrix in rising order, and unit eigenvectors in the rows.
 pub fn eigen(matrix: &Dense) -> (Vec<f64>, Dense) {
     let n = matrix.rows;
