@@ -4,7 +4,7 @@ use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle
 use anyhow::Result;
 use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
-use fringe::decode::{DecodeReport, Fault as FrameFault, FrameOrder, Motion};
+use fringe::decode::{CodeShift, DecodeReport, Fault as FrameFault, FrameOrder, Motion};
 use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
@@ -63,6 +63,8 @@ struct Counts<'a> {
     order: FrameOrder,
     /// How the fringes moved between the frames; null where the steps do not tell.
     motion: Option<Motion>,
+    /// How far the frames of the code stand from the fringes; null where they do not tell.
+    code_shift: Option<CodeShift>,
     /// Where the frames contradict what the rig file states of the camera, motion beyond the uncertainty, and faults of frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
@@ -175,6 +177,7 @@ impl Decode {
             ignored: &report.ignored,
             order: report.order,
             motion: report.motion,
+            code_shift: report.code_shift,
             findings: report.findings.iter().map(ToString::to_string).collect(),
             warnings: warnings(&report, context.cell.graph.camera_name(self.camera)),
         })?;

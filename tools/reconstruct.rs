@@ -20,7 +20,7 @@ use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
 use fringe::cloud::Point;
-use fringe::fusion::{FusionReport, fuse};
+use fringe::fusion::{FusionReport, disagreement_warning, fuse};
 use fringe::geometry::rig::Pair;
 use fringe::matching::MatchSettings;
 use fringe::surface::{SurfaceReport, SurfaceSettings};
@@ -327,7 +327,9 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
     for o in &fusion.overlaps {
         println!("overlap {} – {}: {o}", done.pairs[o.a].pair.name, done.pairs[o.b].pair.name);
     }
-    if fusion.disagreeing > 0 {
+    if let Some(warning) = disagreement_warning(fusion.disagreeing, fusion.points) {
+        println!("warning: {warning}");
+    } else if fusion.disagreeing > 0 {
         println!(
             "pairs disagree beyond what they state at {} points: their uncertainty is raised",
             fusion.disagreeing

@@ -4,7 +4,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
-use fringe::decode::{Finding, Motion, NoiseSource};
+use fringe::decode::{CodeShift, Finding, Motion, NoiseSource};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -87,6 +87,7 @@ pub struct DecodeLine {
     findings: Vec<FoundFault>,
     ignored: Vec<String>,
     motion: Option<Motion>,
+    code_shift: Option<CodeShift>,
     warnings: Vec<String>,
 }
 
@@ -131,6 +132,7 @@ impl DecodeLine {
             findings: report.findings.iter().map(FoundFault::new).collect(),
             ignored: report.ignored.to_vec(),
             motion: report.motion,
+            code_shift: report.code_shift,
             warnings: report.warnings(camera),
         }
     }

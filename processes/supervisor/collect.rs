@@ -6,7 +6,7 @@ use cell::Cell;
 use cell::schedule::{Interval, Schedule, Work, output};
 use devices::{CameraState, LoadedCell};
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
-use fringe::fusion::Overlap;
+use fringe::fusion::{Overlap, disagreement_warning};
 use ipc::header::Event;
 use ipc::output_hash;
 use metrology::inspection::InspectionResult;
@@ -108,6 +108,9 @@ impl Collector {
         let alignment_failure = inspection.and_then(|i| i.alignment_failure.clone());
         let inspection = inspection.filter(|_| ok);
         let fused = self.fused(cell).filter(|_| ok);
+        let joined = fused.and_then(|(_, text)| serde_json::from_str::<Fused>(text).ok());
+        let disagreement =
+            joined.as_ref().and_then(|joined| disagreement_warning(joined.disagreeing, joined.points));
         let reports = self.reports(cell);
         CycleResult {
             cycle,
@@ -126,10 +129,10 @@ impl Collector {
             config_sha256: cell.file.sha256.clone(),
             date: files::clock::rfc3339_now(),
             number: cycle + 1,
-            overlaps: fused.and_then(|(_, text)| Some(serde_json::from_str::<Fused>(text).ok()?.overlaps)),
+            overlaps: joined.map(|joined| joined.overlaps),
             points: fused.map(|(event, _)| event.count.into()),
             moved: moved(&reports),
-            warnings: warnings(&reports),
+            warnings: warnings(&reports, disagreement),
             reports,
             rig_sha256: cell.file.rig_sha256.clone(),
             version: FRINGECELL.version.to_owned(),
@@ -195,16 +198,18 @@ impl Collector {
     }
 }
 
-/// Whether a camera saw a motion beyond the uncertainty; `None` where none could tell.
+/// Whether a camera saw a motion beyond the uncertainty, between the fringes or from these to the code; `None` where none could tell.
 fn moved(reports: &BTreeMap<String, Value>) -> Option<bool> {
-    let told: Vec<bool> = reports.values().filter_map(|report| report["motion"]["moved"].as_bool()).collect();
+    let told = |report: &Value| ["motion", "code_shift"].map(|of| report[of]["moved"].as_bool());
+    let told: Vec<bool> = reports.values().flat_map(told).flatten().collect();
     (!told.is_empty()).then(|| told.contains(&true))
 }
 
 /// The warnings of all reports, each once.
-fn warnings(reports: &BTreeMap<String, Value>) -> Vec<String> {
+fn warnings(reports: &BTreeMap<String, Value>, disagreement: Option<String>) -> Vec<String> {
     let all = reports.values().filter_map(|report| report["warnings"].as_array()).flatten();
-    let mut texts: Vec<String> = all.filter_map(|text| Some(text.as_str()?.to_owned())).collect();
+    let mut texts: Vec<String> =
+        all.filter_map(|text| Some(text.as_str()?.to_owned())).chain(disagreement).collect();
     texts.sort_unstable();
     texts.dedup();
     texts
@@ -213,7 +218,9 @@ fn warnings(reports: &BTreeMap<String, Value>) -> Vec<String> {
 /// What is read of the fusion's report.
 #[derive(Deserialize)]
 struct Fused {
+    points: u32,
     overlaps: Vec<Overlap>,
+    disagreeing: u32,
 }
 
 /// The share of one activation in the result of its stage.

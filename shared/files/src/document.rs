@@ -131,7 +131,7 @@ impl Document {
             };
             return Err(self.fault("format", problem, remedy));
         }
-        toml::from_str(&self.text).map_err(|error| self.placed_fault::<T>(&error))
+        self.parsed()
     }
 
     /// The same where the key `format` may be left out.
@@ -141,7 +141,17 @@ impl Document {
     pub fn parse_bare<T: DeserializeOwned>(&self, format: &str) -> Result<T, FileError> {
         match self.format()? {
             Some(_) => self.parse(format),
-            None => toml::from_str(&self.text).map_err(|error| self.placed_fault::<T>(&error)),
+            None => self.parsed(),
+        }
+    }
+
+    fn parsed<T: DeserializeOwned>(&self) -> Result<T, FileError> {
+        let parsed = toml::from_str(&self.text).map_err(|error| self.placed_fault::<T>(&error))?;
+        match surplus::<T>(&self.text) {
+            Some((key, message)) => {
+                Err(self.fault(&key, Problem::Syntax(message), "take out what is too much"))
+            }
+            None => Ok(parsed),
         }
     }
 
@@ -275,6 +285,14 @@ impl Document {
     }
 }
 
+/// The list that has more values than `T` takes, and what is wrong with it: TOML's reader leaves the others out without a word, JSON's does not.
+fn surplus<T: DeserializeOwned>(text: &str) -> Option<(String, String)> {
+    let value: serde_json::Value = toml::from_str(text).ok()?;
+    let error = serde_path_to_error::deserialize::<_, T>(value).err()?;
+    let message = error.inner().to_string();
+    message.contains("fewer elements in array").then(|| (error.path().to_string(), message))
+}
+
 enum Step<'a> {
     Key(&'a str),
     Index(usize),
@@ -320,6 +338,39 @@ mod tests {
 
     fn document(text: &str) -> Document {
         Document { path: "demo.toml".into(), text: text.into() }
+    }
+
+    /// Proves: a list with too many values is refused by name and line, at the top and in a table of a list; other lists are read.
+    #[test]
+    fn a_list_with_a_value_too_many_is_named() {
+        #[derive(Debug, Deserialize)]
+        struct Pairs {
+            pair: [f64; 2],
+            one: Vec<One>,
+        }
+        #[derive(Debug, Deserialize)]
+        struct One {
+            triple: [f64; 3],
+            any: Vec<f64>,
+        }
+        let text = |pair: &str, triple: &str| {
+            format!(
+                "pair = [{pair}]\n[[one]]\ntriple = [0, 0, 0]\nany = []\n[[one]]\ntriple = [{triple}]\nany = [1, inf, 3]\n"
+            )
+        };
+        let read = |pair: &str, triple: &str| document(&text(pair, triple)).parse_bare::<Pairs>("f/1");
+        let read_as = read("1, 2", "1, 2, 3").unwrap();
+        assert_eq!(
+            (read_as.pair, read_as.one[1].triple, read_as.one[1].any.len()),
+            ([1.0, 2.0], [1.0, 2.0, 3.0], 3)
+        );
+        for (pair, triple, place) in [
+            ("1, 2, 3", "1, 2, 3", "demo.toml:1: pair: "),
+            ("1, 2", "1, 2, 3, 4", "demo.toml:6: one[1].triple: "),
+        ] {
+            let error = read(pair, triple).unwrap_err().to_string();
+            assert!(error.starts_with(place) && error.contains("take out what is too much"), "{error}");
+        }
     }
 
     #[test]

@@ -62,7 +62,7 @@ pub struct CycleResult {
     /// Why the files of this cycle are not on the disk; absent when they are, or when none were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kept: Option<String>,
-    /// Whether something moved during the cycle by more than the uncertainty of the phase; absent where no steps tell.
+    /// Whether something moved during the cycle by more than the uncertainty of the phase, or than orders bear; absent where no frames tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<bool>,
     /// Number of the cycle as console, report and file names show it: from 1.

@@ -127,6 +127,7 @@ impl Verdicts {
             footprint_px: None,
             sensor: SensorTest::default(),
             motion: None,
+            code_shift: None,
             continuity: Continuity::default(),
             findings: Vec::new(),
             order: FrameOrder::default(),

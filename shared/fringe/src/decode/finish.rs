@@ -61,6 +61,7 @@ impl Decoder {
         report.order = order;
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
+        report.code_shift = self.code_shift(home, &report, out);
         (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
         report.bounced = self.find_bounce(home, report.footprint_px, out);
         report.valid -= report.bounced.masked;

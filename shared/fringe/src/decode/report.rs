@@ -1,6 +1,7 @@
 //! What a decoding did.
 
 use super::bounce::Bounced;
+use super::code_shift::CodeShift;
 use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
@@ -26,6 +27,8 @@ impl DecodeReport {
     /// named.
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let moved = self.motion.and_then(|motion| motion.warning(camera));
+        let stands_off = self.code_shift.and_then(|shift| shift.warning(camera));
+        let moved = moved.into_iter().chain(stands_off);
         self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
     }
 
@@ -80,6 +83,8 @@ pub struct DecodeReport {
     pub sensor: SensorTest,
     /// How the fringes moved between the frames, where five or more steps tell.
     pub motion: Option<Motion>,
+    /// How far the frames of the code stand from the fringes, where frames that are all right tell.
+    pub code_shift: Option<CodeShift>,
     /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
     pub continuity: Continuity,
     /// Faults of the frames that were found and made up for.

@@ -3,6 +3,7 @@
 mod bounce;
 mod code_alone;
 mod code_dirt;
+mod code_shift;
 mod codecs;
 mod diagnose;
 mod dirt;

@@ -164,5 +164,20 @@ pub(super) fn largest(raised: &mut Vec<Raised>) {
     raised.dedup_by_key(|r| r.cell);
 }
 
+/// Share of the points at which pairs disagree from which on a person should know: chance has them disagree at far fewer.
+const MANY_DISAGREE: f64 = 0.01;
+
+/// What a person should know, where pairs disagree beyond what they state at so many points of a fused cloud.
+pub fn disagreement_warning(disagreeing: u32, points: u32) -> Option<String> {
+    let share = f64::from(disagreeing) / f64::from(points.max(1));
+    (share >= MANY_DISAGREE).then(|| {
+        format!(
+            "the pairs disagree beyond what they state at {:.0} % of the points, whose uncertainty is raised: light came from other \
+             faces, or the rig changed; turn the part, or run `fringetool check-rig` on a recording",
+            100.0 * share
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests;

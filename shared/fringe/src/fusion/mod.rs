@@ -28,6 +28,7 @@ use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
 use cells::{Cells, Found, distance2};
+pub use disagreement::disagreement_warning;
 use disagreement::{Compared, Comparison, Raised};
 use grid::{Extent, Grid, is_finite};
 use isolated::{has_around, mark_beside};

@@ -162,6 +162,31 @@ fn wrong_frames_of_a_code_are_named_and_made_up_for() {
     }
 }
 
+/// A disc before a plane, one fringe beside it at a stretch of its rim: both are one region there, in which the turns of one are counted wrong. A
+/// frame that is lost is not made up for by them.
+#[test]
+fn a_surface_that_meets_another_by_chance_is_no_part_of_it() {
+    let mut clean = Coded::new(4, 0.5, false, true);
+    for (i, x) in clean.scene.coordinates_px.iter_mut().enumerate() {
+        let (row, column) = ((i / 320) as f64, (i % 320) as f64);
+        *x = 20.0 + 0.71 * column + 0.05 * row;
+        if (row - 100.0).powi(2) + (column - 170.0).powi(2) < 4900.0 {
+            *x += 16.0 + 0.2 * (row - 40.0);
+        }
+    }
+    clean.frames = clean.scene.frames(&clean.sequence);
+    let (findings, wrong, valid) = clean.decode().unwrap();
+    assert!(findings.is_empty() && wrong == 0, "{findings:?} {wrong}");
+    for (kind, bit) in ["black", "twice"].into_iter().flat_map(|kind| (2..6).map(move |bit| (kind, bit))) {
+        let mut coded = clean.clone();
+        coded.spoil(kind, bit);
+        let (findings, wrong, left) = coded.decode().unwrap();
+        let name = format!("{kind} {bit}: {wrong} wrong, {left} of {valid}, {findings:?}");
+        assert!(findings.iter().any(|found| found.step == Some(bit)), "{name}");
+        assert!(wrong * 1000 <= left && left * 10 > valid * 7, "{name}");
+    }
+}
+
 /// A white frame that stayed black, and a bit that shows a hand: the fringes stand for them.
 #[test]
 fn a_wrong_white_and_a_hand_over_a_bit_are_made_up_for() {

@@ -37,6 +37,10 @@ fn where_pairs_disagree_their_points_say_so() {
     assert_eq!((report.removed.as_slice(), out.len()), ([3, 0].as_slice(), 20_000));
     let raised = out.iter().filter(|p| f64::from(p.sigma_mm) > 1.001 * sigma).count();
     assert_eq!(report.disagreeing as usize, raised);
+    let warning = disagreement_warning(report.disagreeing, report.points).unwrap();
+    let share = 100.0 * raised as f64 / 20_000.0;
+    assert!(warning.contains(&format!("at {share:.0} % of the points")), "{warning}");
+    assert_eq!(disagreement_warning(199, 20_000), None);
     let (mut stated, mut error, mut count) = (0.0, 0.0, 0.0);
     for (number, point) in out.iter().enumerate() {
         let [x, y, z] = point.position_mm;

@@ -7,11 +7,12 @@
 //! number for all frames of a region (`begins`) is so much less than what the frames say that those which contradict stand out (`strips`).
 //!
 //! A frame that was exchanged is taken from where it is, a level is normalised, an inverse stands for its frame, and a bit that nothing
-//! shows is written as the phase of the region demands it; where the other bits do not confirm that, it stays uncertain (`repair`).
+//! shows is written as the phase of the region demands it (`repair`), where the other bits confirm that all around (`demanded`).
 
 mod begins;
 mod bit_edges;
 mod covers;
+mod demanded;
 mod displaced;
 mod edge_zones;
 mod frame_levels;
@@ -172,7 +173,8 @@ pub struct CodeVerdict {
     pub findings: Vec<Finding>,
     /// Share of the pixels whose order the frames confirm, of those where they should.
     pub confirmed: f64,
-    /// Coordinate that the region of each pixel demands, projector pixels, NaN where nothing is known; empty where no frame is wrong.
+    /// Coordinate that the region of each pixel demands, projector pixels, NaN where nothing is known, infinite where what is seen contradicts it;
+    /// empty where no frame is wrong.
     pub demanded_px: Vec<f32>,
 }
 
@@ -187,10 +189,10 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
     let mut judged = Strips::new(look, &regions, rasters, &Covers::none(look)).judge(look, &begins);
     // … and where the regions are known, what shows the wrong one of light and dark is seen as well.
     let doubted: Vec<bool> = judged.frames.iter().map(|judged| judged.fault.is_some()).collect();
-    let demanded_px = repair::demanded_px(look, &regions, &begins);
+    let mut demanded_px = demanded::demanded_px(look, &regions, &begins);
     covers.add_demanded(look, rasters, &demanded_px, &doubted);
     judged.cover(look, rasters, &demanded_px, &mut covers);
-    let findings = repair::repair((look, &regions, &begins), &judged, &covers, rasters);
+    let findings = repair::repair((look, &regions), &judged, &covers, &mut demanded_px, rasters);
     // A frame that is there, if elsewhere, leaves nothing to the phase.
     let shown = |found: &Finding| matches!(found.remedy, Remedy::OtherFrame | Remedy::Inverse);
     let demanded_px = if findings.iter().all(shown) { Vec::new() } else { demanded_px };

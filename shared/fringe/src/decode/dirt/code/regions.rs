@@ -38,6 +38,8 @@ pub(super) struct Regions {
     pub turns: Vec<i16>,
     /// Pixels of each region, and the largest number of whole turns in it.
     pub sizes: Vec<(usize, i16)>,
+    /// Largest misfit of neighbours on one surface, turns.
+    limit: f64,
 }
 
 impl Regions {
@@ -66,7 +68,12 @@ impl Regions {
         let counted = |at: usize| surface(at).map_or(0, |i| narrow(turns[at] - found[i as usize].1));
         let own = (0..turns.len()).map(counted).collect();
         let sizes = order.iter().map(|i| (found[*i].0, narrow(found[*i].2 - found[*i].1))).collect();
-        Self { home, turns: own, sizes }
+        Self { home, turns: own, sizes, limit: parts.limit }
+    }
+
+    /// Whether two neighbours are in one region, and the phase runs on from one to the other.
+    pub fn runs_on(&self, look: &CodeLook, at: usize, next: usize) -> bool {
+        self.home[at] != NONE && self.home[at] == self.home[next] && follow(look, at, next, self.limit)
     }
 
     /// Share of the pixels whose region begins at a known fringe, of all in regions that should tell it; 1 where none should.

@@ -1,29 +1,24 @@
 //! Stored frames of a code written anew, where what is left determines them.
 
 use super::covers::Covers;
-use super::regions::{NONE, Regions};
+use super::demanded::{Bits, Seen};
+use super::regions::Regions;
 use super::strips::{Judged, Verdict};
 use super::{CodeLook, Fault, Finding, Remedy, Shown};
-use crate::decode::bits::resolve;
-use crate::decode::coarse::centre_px;
-use crate::decode::order::CODE_EDGE_PERIODS;
 use crate::decode::rasters::Rasters;
-use crate::decode::roles::CodePlan;
-
-/// The pixels, their regions, and with which fringe each of these begins.
-type Known<'a> = (&'a CodeLook<'a>, &'a Regions, &'a [Option<i32>]);
 
 /// Bits of one code that are written from the phase at once.
 const MOST_WRITTEN: usize = 2;
 
-/// Writes the wrong frames anew; what was found and done.
+/// Writes the wrong frames anew; what was found and done. Of the coordinates that are demanded, projector pixels, those are left that the bits
+/// which are seen confirm.
 pub(super) fn repair(
-    known: Known,
+    (look, regions): (&CodeLook, &Regions),
     verdict: &Verdict,
     covers: &Covers,
+    demanded_px: &mut [f32],
     rasters: &mut Rasters,
 ) -> Vec<Finding> {
-    let look = known.0;
     let mut findings = Vec::new();
     let wrong: Vec<usize> = (0..look.frames.len()).filter(|f| verdict.frames[*f].fault.is_some()).collect();
     // Frames that show each other's patterns are copied before anything is written over them.
@@ -74,7 +69,11 @@ pub(super) fn repair(
         }
         return findings;
     }
-    write(known, (&lost, verdict), covers, rasters);
+    if !lost.is_empty() {
+        let middle = 0.5 * (verdict.dark + verdict.light);
+        Seen { look, covers, lost: &lost, middle }.settle(regions, rasters, demanded_px);
+    }
+    write(look, (&lost, verdict), covers, demanded_px, rasters);
     findings
 }
 
@@ -127,102 +126,27 @@ fn flat(look: &CodeLook, frame: usize, verdict: &Verdict, covers: &Covers, raste
 
 /// Writes bits that no frame shows as the phase of their region demands, where the other bits confirm it.
 fn write(
-    (look, regions, begins): Known,
+    look: &CodeLook,
     (lost, verdict): (&[usize], &Verdict),
     covers: &Covers,
+    demanded_px: &[f32],
     rasters: &mut Rasters,
 ) {
     let pixels = look.phase_rad.len();
+    let middle = 0.5 * (verdict.dark + verdict.light);
+    let seen = Seen { look, covers, lost, middle };
     for frame in lost {
-        let Some(bits) = Bits::of(look, *frame, lost, covers) else { continue };
-        let middle = 0.5 * (verdict.dark + verdict.light);
+        let Some(bits) = Bits::of(&seen, *frame) else { continue };
         let values = rasters.taken(look.frames[*frame].raster, pixels);
         let value = |place: usize| {
-            if !bits.is_lost(*frame, place) {
+            if !seen.is_lost(*frame, place) {
                 return values[place];
             }
-            let x_px = coordinate_px(look, regions, begins, place);
-            let light = x_px.and_then(|x_px| bits.demanded(rasters, x_px, place, middle));
+            let light = bits.demanded(rasters, f64::from(demanded_px[place]), place);
             let level = light.map_or(middle, |light| if light { verdict.light } else { verdict.dark });
             value_dn(look, place, level)
         };
         let written: Vec<u16> = (0..pixels).map(value).collect();
         rasters.put(look.frames[*frame].raster, pixels, |place| written[place]);
     }
-}
-
-/// The frames of one code, or of its inverse, of which some are lost at some pixels.
-struct Bits<'a> {
-    look: &'a CodeLook<'a>,
-    covers: &'a Covers,
-    lost: &'a [usize],
-    code: CodePlan,
-    inverse: bool,
-    /// The bit that is asked for.
-    own: u16,
-    /// The frames, and their bits.
-    frames: Vec<(usize, u16)>,
-}
-
-impl<'a> Bits<'a> {
-    /// Those beside a frame; none for white and black.
-    fn of(look: &'a CodeLook, frame: usize, lost: &'a [usize], covers: &'a Covers) -> Option<Self> {
-        let Shown::Bit { code, bit, inverse } = look.frames[frame].shown else { return None };
-        let mask = |bit: usize| 1_u16 << (code.bits - 1 - bit);
-        let frames = look.frames.iter().enumerate().filter_map(|(other, seen)| match seen.shown {
-            Shown::Bit { code: own, bit, inverse: turned } if own == code && turned == inverse => {
-                Some((other, mask(bit)))
-            }
-            _ => None,
-        });
-        Some(Self { look, covers, lost, code, inverse, own: mask(bit), frames: frames.collect() })
-    }
-
-    /// Whether a frame does not show a pixel's bit: it is wrong as a whole, or something stands before it there.
-    fn is_lost(&self, frame: usize, place: usize) -> bool {
-        self.lost.contains(&frame) && (!self.covers.any(frame) || self.covers.hides(frame, place))
-    }
-
-    /// Whether a frame is light at a coordinate that the bits which are seen confirm.
-    fn demanded(&self, rasters: &Rasters, x_px: f64, place: usize, middle: f64) -> Option<bool> {
-        let Self { look, code, inverse, .. } = self;
-        let (mut seen, mut unknown) = (0_u16, 0_u16);
-        for (frame, bit) in &self.frames {
-            if self.is_lost(*frame, place) {
-                unknown |= bit;
-            } else if (f64::from(look.level(rasters, *frame, place)) > middle) ^ inverse ^ code.invert {
-                seen |= bit;
-            }
-        }
-        let (mut best, mut flips) = ((f64::INFINITY, 0_u16), unknown);
-        loop {
-            let number = resolve(seen | flips, code.code);
-            let apart = (centre_px(code.stripe_px, u32::from(number)) - code.shift_px - x_px).abs();
-            if apart < best.0 {
-                best = (apart, seen | flips);
-            }
-            if flips == 0 {
-                break;
-            }
-            flips = (flips - 1) & unknown;
-        }
-        let near = best.0 < 0.5 * code.stripe_px + CODE_EDGE_PERIODS * look.period_px;
-        near.then_some(((best.1 & self.own) != 0) ^ inverse ^ code.invert)
-    }
-}
-
-/// Coordinates of all pixels of regions whose begin is known, projector pixels; NaN elsewhere.
-pub(super) fn demanded_px(look: &CodeLook, regions: &Regions, begins: &[Option<i32>]) -> Vec<f32> {
-    let at = |place| coordinate_px(look, regions, begins, place).map_or(f32::NAN, |x_px| x_px as f32);
-    (0..look.phase_rad.len()).map(at).collect()
-}
-
-/// Coordinate of a pixel of a region whose begin is known, projector pixels.
-fn coordinate_px(look: &CodeLook, regions: &Regions, begins: &[Option<i32>], place: usize) -> Option<f64> {
-    let home = regions.home[place];
-    if home == NONE {
-        return None;
-    }
-    let begin = (*begins.get(usize::from(home))?)?;
-    Some((f64::from(begin) + f64::from(regions.turns[place]) + look.turn(place)?) * look.period_px)
 }
