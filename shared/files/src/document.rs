@@ -287,10 +287,23 @@ impl Document {
 
 /// The list that has more values than `T` takes, and what is wrong with it: TOML's reader leaves the others out without a word, JSON's does not.
 fn surplus<T: DeserializeOwned>(text: &str) -> Option<(String, String)> {
-    let value: serde_json::Value = toml::from_str(text).ok()?;
-    let error = serde_path_to_error::deserialize::<_, T>(value).err()?;
+    let table: toml::Table = text.parse().ok()?;
+    let error = serde_path_to_error::deserialize::<_, T>(json(toml::Value::Table(table))).err()?;
     let message = error.inner().to_string();
     message.contains("fewer elements in array").then(|| (error.path().to_string(), message))
+}
+
+/// The same in JSON, which knows no infinity: any number may stand for it where only lengths of lists matter.
+fn json(value: toml::Value) -> serde_json::Value {
+    match value {
+        toml::Value::String(text) => text.into(),
+        toml::Value::Integer(number) => number.into(),
+        toml::Value::Float(number) => if number.is_finite() { number } else { 0.0 }.into(),
+        toml::Value::Boolean(yes) => yes.into(),
+        toml::Value::Datetime(date) => date.to_string().into(),
+        toml::Value::Array(values) => values.into_iter().map(json).collect(),
+        toml::Value::Table(table) => table.into_iter().map(|(key, value)| (key, json(value))).collect(),
+    }
 }
 
 enum Step<'a> {

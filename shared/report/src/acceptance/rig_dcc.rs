@@ -95,6 +95,9 @@ fn results(xml: &mut Xml, rig: &RigFile, covariance: Option<&Covariance>) {
                         let u = covariance.and_then(|known| uncertainty(known, &device.name, name));
                         quantity(xml, name, value, unit, u.map(|u| COVERAGE * u));
                     }
+                    for (name, value, u) in of_sensor(rig, covariance, &device.name) {
+                        quantity(xml, name, value, "\\one", u.map(|u| COVERAGE * u));
+                    }
                 });
             });
         }
@@ -153,6 +156,29 @@ fn parameters(device: &Named) -> Vec<(&'static str, f64, &'static str)> {
         ("ty_mm", moved.y, "\\milli\\metre"),
         ("tz_mm", moved.z, "\\milli\\metre"),
     ]);
+    all
+}
+
+/// What is known of a camera's sensor and lens by the keys of the rig file, with standard uncertainties.
+fn of_sensor(
+    rig: &RigFile,
+    covariance: Option<&Covariance>,
+    device: &str,
+) -> Vec<(&'static str, f64, Option<f64>)> {
+    let sensor = rig.rig.sensor(device);
+    let known = covariance.and_then(|covariance| covariance.sensors.get(device));
+    let [u_x, u_y] = known.and_then(|known| known.u_footprint_px).map_or([None; 2], |u| u.map(Some));
+    let [u_read, u_gain] = known.and_then(|known| known.u_noise_dn).map_or([None; 2], |u| u.map(Some));
+    let mut all = Vec::new();
+    if let Some(footprint) = sensor.footprint {
+        let [x, y] = footprint.sigma_px;
+        all.extend([("footprint_px along x", x, u_x), ("footprint_px along y", y, u_y)]);
+        let field = Some(footprint.field_px2).filter(|field| *field != 0.0);
+        all.extend(field.map(|field| ("footprint_field_px2", field, None)));
+    }
+    if let Some(noise) = sensor.noise {
+        all.extend([("read_noise_dn", noise.read_noise_dn, u_read), ("gain_dn", noise.gain_dn, u_gain)]);
+    }
     all
 }
 

@@ -19,7 +19,9 @@ fn reported(stands_off_px: f64, stripe_px: f64, level: impl Fn(f64) -> f64) -> (
     let mut frames: Vec<Frame> = still[..6].iter().chain(&moved[6..]).cloned().collect();
     for frame in &mut frames {
         if let PixelBuffer::Mono8(values) = &mut frame.pixels {
-            values.iter_mut().for_each(|v| *v = (200.0 * level(f64::from(*v) / 200.0)).round() as u8);
+            for value in values.iter_mut() {
+                *value = (200.0 * level(f64::from(*value) / 200.0)).round() as u8;
+            }
         }
     }
     let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };

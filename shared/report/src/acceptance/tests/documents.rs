@@ -59,12 +59,17 @@ fn rigs() -> [(RigFile, Option<Covariance>); 2] {
         "devices": ["cam1"],
         "parameters": ["fx_px", "tx_mm"],
         "matrix": [[0.25, 0.0], [0.0, 0.0004]],
+        "sensors": { "cam1": { "u_footprint_px": [0.01, 0.015], "u_noise_dn": [0.05, 0.002] } },
     });
     let text = covariance.to_string();
     std::fs::write(dir.path().join("rig.covariance.json"), &text).unwrap();
     let named = format!(
         "{}\n[covariance]\nfile = \"rig.covariance.json\"\nsha256 = \"{}\"\n",
-        std::fs::read_to_string(&path).unwrap(),
+        std::fs::read_to_string(&path).unwrap().replacen(
+            "name = \"cam1\"",
+            "name = \"cam1\"\nfootprint_px = [0.57, 0.58]\nnoise = { read_dn = 1.2, gain_dn = 0.03 }",
+            1
+        ),
         sha256_hex(text.as_bytes())
     );
     std::fs::write(dir.path().join("rig.toml"), named).unwrap();
@@ -100,10 +105,15 @@ fn the_dcc_of_a_rig_carries_parameters_with_their_uncertainties() {
         "<si:value>2330</si:value>",
         "<si:uncertainty>1</si:uncertainty>",
         "<si:uncertainty>0.04</si:uncertainty>",
+        ">footprint_px along y</dcc:content>",
+        "<si:value>0.58</si:value>",
+        "<si:uncertainty>0.03</si:uncertainty>",
+        "<si:value>1.2</si:value>",
+        "<si:uncertainty>0.004</si:uncertainty>",
     ] {
         assert!(told.contains(expected), "{expected}");
     }
-    assert_eq!(told.matches("<si:uncertainty>").count(), 2);
+    assert_eq!(told.matches("<si:uncertainty>").count(), 6);
     assert!(told.contains("not a calibration certificate"));
     let silent = text(&plain, None);
     assert!(!silent.contains("si:uncertainty") && silent.contains("no uncertainty is stated"));

@@ -139,7 +139,8 @@ fn write(
         let Some(bits) = Bits::of(&seen, *frame) else { continue };
         let values = rasters.taken(look.frames[*frame].raster, pixels);
         let value = |place: usize| {
-            if !seen.is_lost(*frame, place) {
+            // Where no region says what it should show, nobody can tell whether a frame that is wrong elsewhere is right.
+            if !seen.is_lost(*frame, place) && demanded_px[place].is_finite() {
                 return values[place];
             }
             let light = bits.demanded(rasters, f64::from(demanded_px[place]), place);
