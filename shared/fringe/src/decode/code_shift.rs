@@ -19,9 +19,9 @@ use std::f64::consts::TAU;
 const REACH_PERIODS: f64 = 0.25;
 const REACH_STRIPES: f64 = 0.45;
 /// Pixels that are asked, about.
-const ASKED: usize = 4096;
+const ASKED: usize = 2048;
 /// Fewest of them beside an edge.
-const LEAST: u32 = 200;
+const LEAST: u32 = 100;
 /// Beyond this part of what an edge may be off by, orders are in danger.
 const ENDANGERED: f64 = 0.5;
 /// Standard uncertainties beyond which a shift is one.
