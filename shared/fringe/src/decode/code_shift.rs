@@ -19,7 +19,7 @@ use std::f64::consts::TAU;
 const REACH_PERIODS: f64 = 0.25;
 const REACH_STRIPES: f64 = 0.45;
 /// Pixels that are asked, about.
-const ASKED: usize = 2048;
+const ASKED: usize = 1024;
 /// Fewest of them beside an edge.
 const LEAST: u32 = 100;
 /// Beyond this part of what an edge may be off by, orders are in danger.
@@ -91,10 +91,13 @@ impl Decoder {
         let pixels = out.phase_rad.len();
         let (steps, scale_px) = (self.steps[slot] as f32, plan.period_px / TAU);
         let is_sure = |place: &usize| out.valid[*place] == state::SURE;
-        let sure = || axis.probe.positions.iter().copied().filter(is_sure);
-        let every = (sure().count() / ASKED).max(1);
+        let positions = &axis.probe.positions;
+        // More of them for a part that fills little of the picture.
+        let most = (positions.len() / ASKED / 2).max(1);
+        let few = positions.iter().step_by(most).filter(|place| is_sure(place)).count();
+        let every = (most * few / ASKED).clamp(1, most);
         let (mut asked, mut further) = (0, 0);
-        for place in sure().step_by(every) {
+        for place in positions.iter().copied().step_by(every).filter(is_sure) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
             let middle = self.sums[slot].sum_at(&self.rasters, pixels, place) / steps;
             for frame in axis.code_frames.iter().filter(|frame| matches!(frame.shown, Shown::Bit { .. })) {
