@@ -36,7 +36,10 @@ fn a_code_that_stands_where_the_fringes_do_is_not_blamed() {
         for gamma in [1.0, 1.3, 0.8] {
             let (shift, warnings) =
                 reported(0.0, stripe_px, |level| crate::math::pow(level.max(1e-9), gamma));
-            assert!(!shift.moved && shift.shift_px.abs() < 4.0 * shift.u_px, "{stripe_px} {gamma}: {shift:?}");
+            assert!(
+                !shift.moved && shift.shift_px.abs() < 4.0 * shift.u_px,
+                "{stripe_px} {gamma}: {shift:?}"
+            );
             assert!(warnings.is_empty(), "{warnings:?}");
         }
     }
