@@ -35,7 +35,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (center, radius_mm) = spheres.into_iter().next().ok_or("the plan has no sphere")?;
     let near = |p: &nalgebra::Point3<f64>| ((p - center).norm() - radius_mm).abs() < 0.3;
     let around: Vec<_> = points.iter().map(fringe::cloud::Point::position).filter(near).collect();
-    let settings = FitSettings { max_reject_fraction: 0.003, correlation: Correlation::Estimated };
+    let settings = FitSettings {
+        max_reject_fraction: 0.003,
+        correlation: Correlation::Estimated,
+        ..FitSettings::default()
+    };
     let fit = sphere(&around, &settings)?;
     println!("by hand: diameter {:.4} mm, u {:.4} mm", fit.diameter_mm, fit.u_diameter_mm);
     Ok(())

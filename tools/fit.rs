@@ -11,7 +11,7 @@ use metrology::fit::{
 };
 use nalgebra::Point3;
 use print::Describe;
-use region::{Corners, Left, Near};
+use region::{Chosen, Corners, Left, Near};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -85,8 +85,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.cloud], None)?;
     refuse_strays(args)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
-    let points = region::choose(args, &cloud)?;
-    fit(args, &points.0, points.1).with_context(|| args.cloud.display().to_string())?;
+    let chosen = region::choose(args, &cloud)?;
+    fit(args, &chosen).with_context(|| args.cloud.display().to_string())?;
     Ok(Outcome::Done)
 }
 
@@ -111,19 +111,20 @@ impl Args {
         self.diameter.or(self.radius.map(|radius| 2.0 * radius))
     }
 
-    fn settings(&self) -> FitSettings {
+    fn settings(&self) -> FitSettings<'static> {
         let correlation = match self.cluster {
             Some(edge) => Correlation::Cells(edge),
             None if self.independent => Correlation::Independent,
             None => Correlation::Estimated,
         };
-        FitSettings { max_reject_fraction: self.reject, correlation }
+        FitSettings { max_reject_fraction: self.reject, correlation, shared_mm: &[] }
     }
 }
 
-fn fit(args: &Args, points: &[Point3<f64>], left: Left) -> Result<()> {
-    let settings = args.settings();
-    let job = Job { args, points, left };
+fn fit(args: &Args, chosen: &Chosen) -> Result<()> {
+    let points = &chosen.points[..];
+    let settings = FitSettings { shared_mm: &chosen.shared_mm, ..args.settings() };
+    let job = Job { args, points, left: chosen.left };
     match args.element {
         Element::Sphere => {
             let sphere = match args.given_diameter_mm() {

@@ -90,14 +90,20 @@ pub struct Left {
     pub outside_margin: Option<usize>,
 }
 
+/// The points that a fit gets.
+pub struct Chosen {
+    /// Positions of these points, mm.
+    pub points: Vec<Point3<f64>>,
+    /// What the error of each may have in common with others, mm.
+    pub shared_mm: Vec<f32>,
+    /// What the search left out.
+    pub left: Left,
+}
+
 /// The points of the region, and what the search left out of it.
-pub fn choose(args: &Args, cloud: &Cloud) -> Result<(Vec<Point3<f64>>, Left)> {
-    let points: Vec<Point3<f64>> = cloud
-        .points
-        .iter()
-        .map(fringe::cloud::Point::position)
-        .filter(|p| within(args.near, args.corners, p))
-        .collect();
+pub fn choose(args: &Args, cloud: &Cloud) -> Result<Chosen> {
+    let held = cloud.points.iter().filter(|p| within(args.near, args.corners, &p.position()));
+    let (points, shared_mm): (Vec<Point3<f64>>, Vec<f32>) = held.map(|p| (p.position(), p.shared_mm)).unzip();
     if points.is_empty() {
         bail!(
             "{}: no point within --near and --box (the cloud has {})",
@@ -105,15 +111,15 @@ pub fn choose(args: &Args, cloud: &Cloud) -> Result<(Vec<Point3<f64>>, Left)> {
             cloud.points.len()
         );
     }
-    let Some(margin_mm) = args.within else { return Ok((points, Left::default())) };
+    let Some(margin_mm) = args.within else { return Ok(Chosen { points, shared_mm, left: Left::default() }) };
     let held = match args.element {
         Element::Plane => fit::find_plane(&points, margin_mm),
         _ => fit::find_sphere(&points, args.given_diameter_mm(), margin_mm),
     }
     .with_context(|| format!("{}: --within", args.cloud.display()))?;
     let total = points.len();
-    let chosen: Vec<Point3<f64>> =
-        points.into_iter().zip(held).filter(|(_, held)| *held).map(|(p, _)| p).collect();
-    let outside_margin = Some(total - chosen.len());
-    Ok((chosen, Left { outside_margin }))
+    let all = points.into_iter().zip(shared_mm).zip(held);
+    let (points, shared_mm): (Vec<_>, Vec<_>) = all.filter(|(_, held)| *held).map(|(one, _)| one).unzip();
+    let left = Left { outside_margin: Some(total - points.len()) };
+    Ok(Chosen { points, shared_mm, left })
 }

@@ -140,7 +140,7 @@ mod tests {
                     modulation: 80.0,
                     pair: 0,
                     pixel: 0,
-                    reserved: 0,
+                    shared_mm: 0.0,
                 }
             };
             let points: Vec<Point> = (0..400).map(point).collect();

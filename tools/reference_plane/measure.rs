@@ -160,6 +160,6 @@ fn point(camera: &Camera, heights: &Heights, modulation: &[f32], i: usize) -> Op
         modulation: modulation[i],
         pair: 0,
         pixel: i as u32,
-        reserved: 0,
+        shared_mm: 0.0,
     })
 }

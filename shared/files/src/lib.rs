@@ -49,6 +49,7 @@ mod sequence;
 pub mod stage_file;
 pub mod step_file;
 pub mod surface_file;
+mod surplus;
 pub mod target_file;
 #[cfg(test)]
 mod testing;

@@ -19,8 +19,9 @@ pub struct Point {
     pub pair: u32,
     /// Pixel of the left camera, row · width + column.
     pub pixel: u32,
-    /// Always zero; keeps the size a multiple of eight without hidden bytes.
-    pub reserved: u32,
+    /// The part of `sigma_mm` that is no noise, so that points of one surface may have it in common: light from other faces,
+    /// pairs that disagree. 0 as a rule.
+    pub shared_mm: f32,
 }
 
 impl Point {

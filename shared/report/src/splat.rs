@@ -233,7 +233,7 @@ mod tests {
             modulation: 50.0,
             pair,
             pixel: 0,
-            reserved: 0,
+            shared_mm: 0.0,
         }
     }
 

@@ -23,7 +23,7 @@ fn cap() -> Vec<Point> {
                 modulation: 60.0,
                 pair: u32::from(x > 0.0),
                 pixel: 0,
-                reserved: 0,
+                shared_mm: 0.0,
             }
         })
         .collect()

@@ -111,7 +111,7 @@ mod tests {
             modulation: 0.0,
             pair: 0,
             pixel: 0,
-            reserved: 0,
+            shared_mm: 0.0,
         };
         let plate: Vec<Point> = (0..1600).map(point).collect();
         let pairs: Vec<usize> = (0..1600).map(|i| usize::from(i % 40 < 20)).collect();

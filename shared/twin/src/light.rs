@@ -124,17 +124,7 @@ impl Light {
                 let light = factors[0].at(u, v, layer) * factors[1].at(u, v, layer);
                 leak + (1.0 - leak) * light
             }
-            Self::Table { axis, layers } => {
-                let at = if *axis == Axis::X { u } else { v };
-                let below = (layer as usize).min(layers.len() - 1);
-                let value = interpolate(&layers[below], at);
-                match layers.get(below + 1) {
-                    Some(next) if layer > 0.0 => {
-                        value + (layer - below as f32) * (interpolate(next, at) - value)
-                    }
-                    _ => value,
-                }
-            }
+            Self::Table { axis, layers } => tabulated(layers, if *axis == Axis::X { u } else { v }, layer),
             Self::Formula { axis, set, step, size_px, response } => {
                 let at = pixel(if *axis == Axis::X { u } else { v });
                 // The set was checked when this light was made, so it can be generated.
@@ -144,7 +134,19 @@ impl Light {
     }
 }
 
+/// Light of a table at a coordinate (fixed point), out of focus by so many layers.
+#[inline]
+pub(crate) fn tabulated(layers: &[Vec<f32>], at: u32, layer: f32) -> f32 {
+    let below = (layer as usize).min(layers.len() - 1);
+    let value = interpolate(&layers[below], at);
+    match layers.get(below + 1) {
+        Some(next) if layer > 0.0 => value + (layer - below as f32) * (interpolate(next, at) - value),
+        _ => value,
+    }
+}
+
 /// Value between two cell centres; constant beyond the ends.
+#[inline]
 pub(crate) fn interpolate(cells: &[f32], fixed: u32) -> f32 {
     let from_centre = fixed.saturating_sub(1 << (CELL_SHIFT - 1));
     let index = ((from_centre >> CELL_SHIFT) as usize).min(cells.len() - 2);

@@ -5,13 +5,11 @@
 
 use crate::blur;
 use crate::cell::{Shared, Twin, TwinError, View, index_of};
-use crate::light::{FIXED_BITS, Light, pixel};
+use crate::light::{FIXED_BITS, Light, pixel, tabulated};
 use crate::pose;
-use crate::trace::{Lit, Sway};
 use fringe::geometry::rig::Named;
 use fringe::math::random::Key;
-use fringe::pattern::LevelTable;
-use fringe::pattern::{PatternSet, frame_count, locate};
+use fringe::pattern::{Axis, LevelTable, PatternSet, frame_count, locate};
 use nalgebra::{Point2, Vector3};
 use std::sync::Arc;
 
@@ -231,31 +229,22 @@ impl Renderer {
         let light = frame.checked_sub(self.first).and_then(|i| self.lights.get(i)).ok_or_else(unknown)?;
         let slot = view.slot(self.projector)?;
         let settings = &self.shared.settings;
-        let lamps = view.lamps.len();
         let parts = (view.width, settings.subsamples as usize);
         let black = settings.black_level as f32;
         self.image.clear();
         self.image.resize(view.ambient.len(), black);
         self.spare.resize(view.ambient.len(), 0.0);
         let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
-        let ambient = settings.ambient as f32;
         let shift = pose::vibration_mm(settings, &self.shared.normal, view.cycle, self.projector, frame);
         let shift = shift.map(|c| c as f32);
-        let reflected = |ray: usize, slot: usize, light: &Light| {
-            let at = ray * lamps + slot;
-            let lit = &view.lit[at];
-            let (u, v) = view.sway.get(at).map_or((lit.u, lit.v), |sway| moved(lit, sway, &shift));
-            lit.gain * light.at(u, v, lit.layer)
-        };
-        add_rays(&mut self.image, parts, |ray| {
-            exposure * (reflected(ray, slot, light) + ambient * view.ambient[ray])
-        });
+        let beam = Beam { view, slot, shift, exposure, ambient: settings.ambient as f32 };
+        beam.add(&mut self.image, parts, light);
         add_bounce(&mut self.image, view, slot, light, exposure);
         for (projector, lights) in &self.beside {
             let Some(light) = lights.get(frame).or(lights.last()) else { continue };
-            let slot = view.slot(*projector)?;
-            add_rays(&mut self.image, parts, |ray| exposure * reflected(ray, slot, light));
-            add_bounce(&mut self.image, view, slot, light, exposure);
+            let beam = Beam { slot: view.slot(*projector)?, ambient: 0.0, ..beam };
+            beam.add(&mut self.image, parts, light);
+            add_bounce(&mut self.image, view, beam.slot, light, exposure);
         }
         blur::blur(&mut self.image, &mut self.spare, &mut self.padded, parts.0 * parts.1, &self.taps);
         average(&mut self.image, parts);
@@ -308,8 +297,57 @@ fn lights(
     frames.map(light).collect()
 }
 
+/// What a frame of a projector adds to an image.
+#[derive(Clone, Copy)]
+struct Beam<'a> {
+    view: &'a View,
+    /// Number of the projector among those that the view was traced with.
+    slot: usize,
+    /// Displacement of the part, mm.
+    shift: Vector3<f32>,
+    exposure: f32,
+    ambient: f32,
+}
+
+impl Beam<'_> {
+    /// Adds the light to an image of so many parts a pixel. Tables, what nearly every frame is, are looked up without a choice at every
+    /// ray, and many rays meet no light at all.
+    fn add(&self, image: &mut [f32], parts: (usize, usize), light: &Light) {
+        let Self { view, slot, exposure, ambient, .. } = *self;
+        let lamps = view.lamps.len();
+        let lit = |ray: usize| &view.lit[ray * lamps + slot];
+        let seen = |ray: usize, own: f32| exposure * (own + ambient * view.ambient[ray]);
+        match light {
+            Light::Even(level) => add_rays(image, parts, |ray| seen(ray, lit(ray).gain * level)),
+            Light::Table { axis, layers } => add_rays(image, parts, |ray| {
+                let lit = lit(ray);
+                let light = || lit.gain * tabulated(layers, self.place(ray * lamps + slot, *axis), lit.layer);
+                seen(ray, if lit.gain > 0.0 { light() } else { 0.0 })
+            }),
+            _ => add_rays(image, parts, |ray| {
+                let [u, v] = [Axis::X, Axis::Y].map(|axis| self.place(ray * lamps + slot, axis));
+                seen(ray, lit(ray).gain * light.at(u, v, lit(ray).layer))
+            }),
+        }
+    }
+
+    /// Projector coordinate of a ray along an axis, where the part is, fixed point.
+    #[inline]
+    fn place(&self, at: usize, axis: Axis) -> u32 {
+        let place = self.view.lit[at].along(axis);
+        let Some(sway) = self.view.sway.get(at) else { return place };
+        let (rate, shift) = (sway.along(axis), &self.shift);
+        let px = rate[0] * shift.x + rate[1] * shift.y + rate[2] * shift.z;
+        let delta = (px * (1_u32 << FIXED_BITS) as f32) as i64;
+        (i64::from(place) + delta).clamp(0, i64::from(u32::MAX)) as u32
+    }
+}
+
 /// Adds the light of each ray to the part of the image that it stands for: of a pixel n × n parts, for an image of a width in pixels.
 fn add_rays(image: &mut [f32], (width, n): (usize, usize), light: impl Fn(usize) -> f32) {
+    if n == 1 {
+        return image.iter_mut().enumerate().for_each(|(ray, value)| *value += light(ray));
+    }
     for (y, rows) in image.chunks_exact_mut(width * n * n).enumerate() {
         for x in 0..width {
             for row in 0..n {
@@ -353,14 +391,4 @@ fn add_bounce(image: &mut [f32], view: &View, slot: usize, light: &Light, exposu
             image[first + part / n * view.width * n + part % n] += light;
         }
     }
-}
-
-/// Projector coordinate of a ray while the part is displaced.
-fn moved(lit: &Lit, sway: &Sway, shift: &Vector3<f32>) -> (u32, u32) {
-    let along = |rate: &[f32; 3]| {
-        let px = rate[0] * shift.x + rate[1] * shift.y + rate[2] * shift.z;
-        (px * (1_u32 << FIXED_BITS) as f32) as i64
-    };
-    let add = |at: u32, delta: i64| (i64::from(at) + delta).clamp(0, i64::from(u32::MAX)) as u32;
-    (add(lit.u, along(&sway.u)), add(lit.v, along(&sway.v)))
 }

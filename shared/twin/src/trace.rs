@@ -7,6 +7,7 @@ use crate::settings::TwinSettings;
 use fringe::geometry::camera::Camera;
 use fringe::math::random::Key;
 use fringe::math::sincos;
+use fringe::pattern::Axis;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -34,12 +35,28 @@ pub(crate) struct Lit {
     pub layer: f32,
 }
 
+impl Lit {
+    /// The projector coordinate along an axis, fixed point.
+    #[inline]
+    pub fn along(&self, axis: Axis) -> u32 {
+        if axis == Axis::X { self.u } else { self.v }
+    }
+}
+
 /// How the projector coordinate of a ray changes when the part moves, px per mm in the world frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(C)]
 pub(crate) struct Sway {
     pub u: [f32; 3],
     pub v: [f32; 3],
+}
+
+impl Sway {
+    /// How the coordinate along an axis changes.
+    #[inline]
+    pub fn along(&self, axis: Axis) -> &[f32; 3] {
+        if axis == Axis::X { &self.u } else { &self.v }
+    }
 }
 
 /// A camera or projector seen from the part.

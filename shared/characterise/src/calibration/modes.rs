@@ -147,7 +147,7 @@ mod tests {
             modulation: 0.0,
             pair: 0,
             pixel: 0,
-            reserved: 0,
+            shared_mm: 0.0,
         };
         let points = [at(-50.0, -20.0, 5.0), at(40.0, 30.0, -10.0)];
         let modes = modes(&rig, &names, COUNT, &matrix).unwrap();

@@ -1,7 +1,7 @@
 //! Point clouds as PLY files.
 //!
 //! Written: binary little-endian, `x y z` as double, `nx ny nz sigma modulation` as float, `pair` as uchar, 45 bytes a
-//! point, positions in mm in the world frame. Read: any PLY (text, both byte orders, float or double, elements and
+//! point, positions in mm in the world frame; `sigma_shared` as float behind them where any point has it. Read: any PLY (text, both byte orders, float or double, elements and
 //! properties in any order; unknown ones are skipped).
 
 mod mesh;
@@ -159,18 +159,21 @@ fn check_values(path: &Path, cloud: &Cloud) -> Result<(), FileError> {
         let problem = Problem::Unsupported(format!("has lengths in \"{unit}\" by its comment \"unit\""));
         return Err(FileError::new(path, problem, "lengths are read as mm: convert them, and the comment"));
     }
-    let wrong = |point: &&Point| point.sigma_mm < 0.0 || point.sigma_mm.is_infinite();
-    let count = cloud.points.iter().filter(wrong).count();
-    if cloud.columns.sigma && count > 0 {
+    let outside = |value: f32| value < 0.0 || value.is_infinite();
+    let wrong = |name: &str, value: fn(&Point) -> f32, takes_nan: bool| {
+        let count =
+            cloud.points.iter().map(value).filter(|v| outside(*v) || (v.is_nan() && !takes_nan)).count();
+        let nan = if takes_nan { "" } else { " or no number" };
         let problem = Problem::Unsupported(format!(
-            "has {count} of {} points whose \"sigma\" is negative or infinite",
+            "has {count} of {} points whose \"{name}\" is negative or infinite{nan}",
             cloud.points.len()
         ));
         let remedy =
             "a standard uncertainty is 0 mm or more: write the file again, or leave the property out";
-        return Err(FileError::new(path, problem, remedy));
-    }
-    Ok(())
+        if count == 0 { Ok(()) } else { Err(FileError::new(path, problem, remedy)) }
+    };
+    wrong("sigma", |point| point.sigma_mm, true)?;
+    wrong("sigma_shared", |point| point.shared_mm, false)
 }
 
 /// A cloud of the vertices read, without those that are nowhere.
@@ -306,6 +309,7 @@ impl PropertyAccess for Vertex {
             "ny" => point.normal[1] = value as f32,
             "nz" => point.normal[2] = value as f32,
             "sigma" => point.sigma_mm = value as f32,
+            "sigma_shared" => point.shared_mm = value as f32,
             "modulation" => point.modulation = value as f32,
             _ => return PropertyAccessResult::Ignored,
         }

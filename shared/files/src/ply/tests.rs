@@ -39,6 +39,24 @@ fn a_cloud_comes_back_bit_by_bit() {
     assert_eq!(read(&written(&[])).unwrap().points.len(), 0);
 }
 
+/// Proves: what points have in common is a column where any point has it, and none where there is nothing, beside other columns.
+#[test]
+fn what_points_have_in_common_comes_back_and_takes_no_place_without() {
+    let mut points = points(1500);
+    assert!(!written(&points).windows(12).any(|bytes| bytes == b"sigma_shared"));
+    points[1200].shared_mm = 0.02;
+    assert_eq!(read(&written(&points)).unwrap().points, points);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deviations.ply");
+    let values: Vec<(f32, [u8; 3])> = (0..1500).map(|i| (i as f32, [1, 2, 3])).collect();
+    write_deviations(&path, &points, &values, &[]).unwrap();
+    assert_eq!(read_cloud(&path).unwrap().points, points);
+    let negative = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+        property float sigma_shared\nend_header\n1 2 3 -0.01\n";
+    let error = read(negative.as_bytes()).unwrap_err();
+    assert!(error.contains("sigma_shared"), "{error}");
+}
+
 #[test]
 fn text_and_big_endian_and_unknown_elements_are_read() {
     let text = b"ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar int ids\nelement vertex 2\n\

@@ -17,6 +17,9 @@ const PROPERTIES: Columned<'_> = &[
     ("uchar", &["pair"]),
 ];
 
+/// What the points' uncertainties have in common, where any has something.
+const SHARED: Columned<'_> = &[("float", &["sigma_shared"])];
+
 /// Columns of a comparison.
 const DEVIATION: Columned<'_> = &[("float", &["deviation"]), ("uchar", &["red", "green", "blue"])];
 
@@ -75,13 +78,18 @@ fn write_points(
         };
         return Err(FileError::new(path, problem, "write the pairs into several files"));
     }
+    let shared = points.iter().any(|point| point.shared_mm != 0.0);
+    let further = [if shared { SHARED } else { &[] }, further].concat();
     atomic::write_with(path, |out| {
-        out.write_all(header_text(points.len(), comments, further).as_bytes())?;
+        out.write_all(header_text(points.len(), comments, &further).as_bytes())?;
         let mut buffer = Vec::with_capacity(CHUNK_POINTS * POINT_BYTES);
         for (part, chunk) in points.chunks(CHUNK_POINTS).enumerate() {
             buffer.clear();
             for (place, point) in chunk.iter().enumerate() {
                 push(&mut buffer, point);
+                if shared {
+                    buffer.extend_from_slice(&point.shared_mm.to_le_bytes());
+                }
                 more(&mut buffer, part * CHUNK_POINTS + place);
             }
             out.write_all(&buffer)?;

@@ -214,13 +214,7 @@ impl Decoder {
         let frames = &axis.code_frames;
         levels.sums.clear();
         levels.sums.extend(frames.iter().map(|_| [(0.0, 0.0); 2]));
-        let positions = &axis.probe.positions;
-        let is_sure = |place: &usize| out.valid[*place] == state::SURE;
-        // More of them for a part that fills little of the picture.
-        let most = (positions.len() / ENOUGH / 2).max(1);
-        let few = positions.iter().copied().step_by(most).filter(is_sure).count();
-        let every = (most * few / ENOUGH).clamp(1, most);
-        for place in positions.iter().copied().step_by(every).filter(is_sure) {
+        for place in axis.probe.sure(out.valid, ENOUGH) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
             let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
             let inverse = 1.0 / f64::from(out.modulation[place]);

@@ -7,7 +7,6 @@
 //! period takes the orders with it: then these jump, which other checks see.
 
 use super::axis_noise::AxisState;
-use super::block::state;
 use super::dirt::code::Shown;
 use super::order::CODE_EDGE_PERIODS;
 use super::roles::{AxisPlan, SineKind};
@@ -90,14 +89,8 @@ impl Decoder {
     ) -> (u32, u32) {
         let pixels = out.phase_rad.len();
         let (steps, scale_px) = (self.steps[slot] as f32, plan.period_px / TAU);
-        let is_sure = |place: &usize| out.valid[*place] == state::SURE;
-        let positions = &axis.probe.positions;
-        // More of them for a part that fills little of the picture.
-        let most = (positions.len() / ASKED / 2).max(1);
-        let few = positions.iter().step_by(most).filter(|place| is_sure(place)).count();
-        let every = (most * few / ASKED).clamp(1, most);
         let (mut asked, mut further) = (0, 0);
-        for place in positions.iter().copied().step_by(every).filter(is_sure) {
+        for place in axis.probe.sure(out.valid, ASKED) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
             let middle = self.sums[slot].sum_at(&self.rasters, pixels, place) / steps;
             for frame in axis.code_frames.iter().filter(|frame| matches!(frame.shown, Shown::Bit { .. })) {

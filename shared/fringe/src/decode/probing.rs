@@ -1,5 +1,6 @@
 //! The residuals of one sine set in the probed pixels: samples of the noise, and what the sine model leaves.
 
+use super::block::state;
 use super::limits::MAX_STEPS;
 use super::noise_estimate::{FEWEST_STEPS, LEAST_STEPS, Probe, SAMPLES, Unexplained};
 use super::noise_line::Sample;
@@ -33,6 +34,16 @@ pub struct ProbeLimits {
 }
 
 impl Probe {
+    /// About so many of the probed places that are certain in a map, or up to twice as many: more of all places are asked for a part that fills
+    /// little of the picture.
+    pub(super) fn sure(&self, valid: &[u8], enough: usize) -> impl Iterator<Item = usize> {
+        let is_sure = |place: &usize| valid[*place] == state::SURE;
+        let places = || self.positions.iter().copied();
+        let most = (self.positions.len() / enough / 2).max(1);
+        let few = places().step_by(most).filter(is_sure).count();
+        places().step_by((most * few / enough).clamp(1, most)).filter(is_sure)
+    }
+
     /// Keeps the grey values of a frame, the given step of its set, as long as the cache still holds it.
     pub fn keep(&mut self, step: usize, raster: usize, rasters: &Rasters, pixels: usize) {
         let count = self.positions.len();

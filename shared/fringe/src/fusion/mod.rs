@@ -360,7 +360,10 @@ impl Fuser {
                     let all = piece.kept == piece.end - piece.first;
                     let place = if all { offset } else { before.iter().filter(|keep| **keep).count() - 1 };
                     let point = &mut out[self.kept_starts[number] + place];
-                    point.sigma_mm = (f64::from(point.sigma_mm).powi(2) + excess_mm2).sqrt() as f32;
+                    // What parts the pairs may be the same all over a face.
+                    for part in [&mut point.sigma_mm, &mut point.shared_mm] {
+                        *part = (f64::from(*part).powi(2) + excess_mm2).sqrt() as f32;
+                    }
                     self.report.disagreeing += 1;
                 }
             }

@@ -247,7 +247,7 @@ fn fusing_equals_brute_force_on_any_number_of_threads() {
         let mut out = Vec::new();
         let report = pool.install(|| fuse(&[&a, &b], &settings, &mut out));
         // What scatters by more than it states gets the uncertainty that this asks for, and keeps all else.
-        let as_stated = out.iter().map(|point| Point { sigma_mm: 0.01, ..*point });
+        let as_stated = out.iter().map(|point| Point { sigma_mm: 0.01, shared_mm: 0.0, ..*point });
         assert!(as_stated.eq([left.clone(), right.clone()].concat()));
         let raised = out.iter().filter(|point| point.sigma_mm > 0.01).count();
         assert!(raised > 20 && raised == report.disagreeing as usize, "{raised}");

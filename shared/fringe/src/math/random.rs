@@ -25,6 +25,7 @@ impl Key {
     }
 
     /// Draw number `counter`, 64 even bits (Steele et al., splitmix64, 2014).
+    #[inline]
     pub fn bits(self, counter: u64) -> u64 {
         mix(self.0.wrapping_add(counter.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     }
@@ -45,6 +46,7 @@ fn open_interval(bits: u64) -> f64 {
     ((bits >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
+#[inline]
 fn mix(value: u64) -> u64 {
     let mut z = value;
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -74,6 +76,7 @@ impl Default for Normal {
 
 impl Normal {
     /// A standard normal value from 64 even bits.
+    #[inline]
     pub fn draw(&self, bits: u64) -> f32 {
         let bin = (bits >> 52) as usize;
         if !(TAIL_BINS..BINS - TAIL_BINS).contains(&bin) {

@@ -79,7 +79,7 @@ fn note_causes(starts: &[usize], counts: &[PartCount], written: &[Point], causes
     for (ends, count) in starts.windows(2).zip(counts) {
         let (start, end) = (ends[0] - starts[0], ends[1] - starts[0]);
         for dropped in &written[start + count.points as usize..end] {
-            let cause = Cause::ALL.get(dropped.reserved as usize).copied().unwrap_or_default();
+            let cause = Cause::ALL.get(dropped.pair as usize).copied().unwrap_or_default();
             causes[dropped.pixel as usize] = cause;
         }
     }
@@ -157,7 +157,7 @@ impl Selector<'_> {
                         modulation: self.samples.modulations[at + l],
                         pair,
                         pixel: (at + l) as u32,
-                        reserved: 0,
+                        shared_mm: 0.0,
                     };
                 }
             }
@@ -175,7 +175,7 @@ impl Selector<'_> {
             *point = self.view.point(&sample, pixel, pair, normal);
             count.without_normal += u32::from(normal.is_none());
         } else if let Some(dropped) = slots.next_back() {
-            *dropped = Point { pixel: pixel as u32, reserved: cause as u32, ..Zeroable::zeroed() };
+            *dropped = Point { pixel: pixel as u32, pair: cause as u32, ..Zeroable::zeroed() };
         }
     }
 

@@ -192,7 +192,7 @@ impl View<'_> {
             modulation: sample.modulation,
             pair,
             pixel: pixel as u32,
-            reserved: 0,
+            shared_mm: 0.0,
         }
     }
 }

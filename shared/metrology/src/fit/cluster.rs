@@ -12,7 +12,7 @@ use super::adjust::{Adjusted, Model, singular};
 use super::cells::Cubes;
 use super::correlation::estimate;
 use super::solve::deviations;
-use super::{Correlation, FitError, FitSettings};
+use super::{Correlation, FitError, FitSettings, shared};
 
 /// Fewest cells for the sandwich estimator: with G cells its own relative error is about 1/√(2 G).
 pub(crate) const FEWEST_CELLS: usize = 20;
@@ -44,16 +44,29 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
     trimmed: bool,
 ) -> Result<(SMatrix<f64, P, P>, Support), FitError> {
     let inverse = adjusted.normal.inverse().ok_or_else(|| singular(element))?;
+    let rows_a_point = adjusted.normal.rows as f64 / points.len().max(1) as f64;
+    let shrink = if trimmed { trimming_shrink(&adjusted.model, points, rows_a_point) } else { 1.0 };
+    let shared = shared::covariance(&adjusted.model, points, settings.shared_mm, &inverse);
+    let (noise, support) = of_noise(adjusted, points, settings.correlation, &inverse, shrink);
+    Ok((noise + shared / (shrink * shrink), support))
+}
+
+/// Covariance that the residuals show, and what it rests on.
+fn of_noise<M: Model<P>, const P: usize>(
+    adjusted: &Adjusted<M, P>,
+    points: &[Vector3<f64>],
+    correlation: Correlation,
+    inverse: &SMatrix<f64, P, P>,
+    shrink: f64,
+) -> (SMatrix<f64, P, P>, Support) {
     let rows = adjusted.normal.rows as f64;
     let freedom = rows - P as f64;
-    let rows_a_point = rows / points.len().max(1) as f64;
-    let shrink = if trimmed { trimming_shrink(&adjusted.model, points, rows_a_point) } else { 1.0 };
     let fewest = FEWEST_CELLS.max(2 * P);
-    match settings.correlation {
+    match correlation {
         Correlation::Estimated if points.len() >= fewest => {
-            let found = estimate(&adjusted.model, points, &inverse);
+            let found = estimate(&adjusted.model, points, inverse);
             let support = Support { cells: found.cells, correlation_reach_mm: Some(found.reach_mm) };
-            return Ok((found.covariance / (shrink * shrink), support));
+            return (found.covariance / (shrink * shrink), support);
         }
         Correlation::Cells(edge_mm) => {
             let (meat, cells) = cell_scores(&adjusted.model, points, edge_mm);
@@ -61,20 +74,20 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
             if cells >= fewest {
                 let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
                 let sandwich = inverse * meat * inverse * (few / (shrink * shrink));
-                return Ok(((sandwich + sandwich.transpose()) * 0.5, support));
+                return ((sandwich + sandwich.transpose()) * 0.5, support);
             }
             // Too few cells give no covariance. At worst the points of a cell all err alike: a cell then counts as one
             // point, and as independent ones they would promise far too much.
             let points_a_cell = points.len() as f64 / cells.max(1) as f64;
             let independent = inverse * (adjusted.normal.sum / freedom / (shrink * shrink));
-            return Ok((independent * points_a_cell, support));
+            return (independent * points_a_cell, support);
         }
         Correlation::Known(sigma_mm) => {
-            return Ok((inverse * (sigma_mm * sigma_mm / (shrink * shrink)), Support::default()));
+            return (inverse * (sigma_mm * sigma_mm / (shrink * shrink)), Support::default());
         }
         Correlation::Estimated | Correlation::Independent => {}
     }
-    Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default()))
+    (inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default())
 }
 
 /// 1 − c · h(c)/(d n), see [`covariance`].

@@ -17,10 +17,13 @@ pub enum Correlation {
 
 /// How a fit treats its points.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FitSettings {
+pub struct FitSettings<'a> {
     /// Fraction of the points that is left out, 0 … 0.5: ⌊fraction · n⌋ points, those of largest |residual|, chosen
     /// anew after each refit until the choice is stable. VDI/VDE 2634 part 3 allows 0.03.
     pub max_reject_fraction: f64,
     /// How noise is correlated.
     pub correlation: Correlation,
+    /// Standard deviation of the error of each point that others may have in common, mm ([`fringe::cloud::Point::shared_mm`]); empty
+    /// where there is none. It moves the stated uncertainties, never the element.
+    pub shared_mm: &'a [f32],
 }

@@ -43,7 +43,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
     settings: &FitSettings,
     start: impl Fn(&[Vector3<f64>]) -> Result<M, FitError>,
 ) -> Result<Solution<M, P>, FitError> {
-    check(settings)?;
+    check(settings, points.len())?;
     let rejected = (settings.max_reject_fraction * points.len() as f64) as usize;
     let kept = points.len() - rejected;
     // The index of a point must fit into the 32 bits of a cell entry.
@@ -87,7 +87,13 @@ fn finish<M: Model<P>, const P: usize>(
     settings: &FitSettings,
 ) -> Result<Solution<M, P>, FitError> {
     let trimmed = chosen.len() < centred.points.len();
-    let (covariance, support) = covariance(element, &adjusted, chosen, settings, trimmed)?;
+    let shared_mm = if trimmed && !settings.shared_mm.is_empty() {
+        Cow::Owned(marked(settings.shared_mm, &used))
+    } else {
+        Cow::Borrowed(settings.shared_mm)
+    };
+    let settings = FitSettings { shared_mm: &shared_mm, ..*settings };
+    let (covariance, support) = covariance(element, &adjusted, chosen, &settings, trimmed)?;
     let residuals = Residuals { deviation_mm: deviations(&adjusted.model, &centred.points), used };
     Ok(Solution {
         form: residuals.form(),
@@ -128,7 +134,16 @@ fn fill<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], deviati
 }
 
 /// Checks that the settings are within their limits.
-fn check(settings: &FitSettings) -> Result<(), FitError> {
+fn check(settings: &FitSettings, points: usize) -> Result<(), FitError> {
+    let shared = settings.shared_mm;
+    if !shared.is_empty() && shared.len() != points {
+        let value = shared.len() as f64;
+        return Err(FitError::Setting { key: "shared_mm", value, limits: "one of each point, or none" });
+    }
+    if let Some(wrong) = shared.iter().find(|shared| !(0.0..f32::INFINITY).contains(*shared)) {
+        let value = f64::from(*wrong);
+        return Err(FitError::Setting { key: "shared_mm", value, limits: "0 … ∞" });
+    }
     let fraction = settings.max_reject_fraction;
     if !(0.0..=0.5).contains(&fraction) {
         return Err(FitError::Setting { key: "max_reject_fraction", value: fraction, limits: "0 … 0.5" });

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::MeasureError;
-use super::fit_element::{PLACING, REACH_MARGINS, choose, fit, positions, thinned};
+use super::fit_element::{REACH_MARGINS, choose, fit, placing, positions, thinned};
 use super::fitted_element::FittedElement;
 use super::gather::gather;
 use super::geometry::Geometry;
@@ -110,7 +110,7 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Pla
             let region = Region::new(element, element.margin_mm, 0.0);
             let limits = (element.min_points, FINE_POINTS);
             let thin = thinned(element, &region, &gathered[slot], Some(&part_from_coarse), limits)?;
-            fit(element, &thin, PLACING).map(Place::from)
+            fit(element, &thin, &placing(element)).map(Place::from)
         })?;
         let correction = correction(&nominal, &found)?;
         world_from_part = world_from_part.after(&correction);

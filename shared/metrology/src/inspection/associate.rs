@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::criterion::Criterion;
+use super::fit_element::rms;
 use super::fitted_element::FittedElement;
 use super::flatness::u_range_mm;
 use super::geometry::Geometry;
@@ -53,11 +54,13 @@ pub(super) fn outlined(
             for round in 1.. {
                 let found = border(&places, &near, *internal, *band_mm, *inset_mm)?;
                 let last = round == ROUNDS;
-                let known = FitSettings { correlation: Correlation::Known(found.u_point_mm), ..*settings };
+                // The border is that of the points in their plane: what moves them off it does not move it.
+                let in_plane = FitSettings { shared_mm: &[], ..*settings };
+                let known = FitSettings { correlation: Correlation::Known(found.u_point_mm), ..in_plane };
                 let fitted = contour(&found.points, &near, &sheet, Some(&plane), &known)?;
                 if last {
                     let fitted = with_form(fitted, &found, || {
-                        contour(&found.points, &near, &sheet, Some(&plane), settings)
+                        contour(&found.points, &near, &sheet, Some(&plane), &in_plane)
                     })?;
                     let behind = found.points.iter().map(|p| Point3::from(sheet.position(*p))).collect();
                     let fitted = match outline {
@@ -114,13 +117,12 @@ pub(super) fn associated(
     element: &Element,
     points: Vec<Point3<f64>>,
     fit: FittedElement,
-    correlation: Correlation,
+    settings: &FitSettings,
 ) -> Result<(FittedElement, Vec<Point3<f64>>), MeasureError> {
-    let settings = FitSettings { max_reject_fraction: element.max_reject_fraction, correlation };
     let failed = |source| MeasureError::Fit { element: element.name.clone(), source };
     let outline = matches!(element.geometry, Geometry::Outline { .. } | Geometry::Line { .. });
     let (behind, plane) = if outline {
-        let (_, behind, plane) = outlined(element, &points, &settings).map_err(failed)?;
+        let (_, behind, plane) = outlined(element, &points, settings).map_err(failed)?;
         (behind, plane)
     } else {
         (points, None)
@@ -131,7 +133,7 @@ pub(super) fn associated(
         Criterion::MaximumInscribed => Side::Inscribed,
         Criterion::MinimumCircumscribed => Side::Circumscribed,
     };
-    let u = u_touching_mm(fit.residuals());
+    let u = u_touching_mm(fit.residuals(), rms(settings.shared_mm));
     let replaced = match fit {
         FittedElement::Sphere(sphere) => sphere.replaced(&behind, side, u).map(FittedElement::Sphere),
         FittedElement::Cylinder(cylinder) => cylinder.replaced(&behind, side, u).map(FittedElement::Cylinder),
@@ -146,7 +148,9 @@ pub(super) fn associated(
     Ok((replaced.map_err(failed)?, behind))
 }
 
-/// Standard uncertainty of a point that touches: that of one extreme, from the tail of the residuals.
-fn u_touching_mm(residuals: &Residuals) -> f64 {
-    u_range_mm(&residuals.of_used(), 0, 1.0) * std::f64::consts::FRAC_1_SQRT_2
+/// Standard uncertainty of a point that touches: that of one extreme, from the tail of the residuals, and what it may have in
+/// common with others.
+fn u_touching_mm(residuals: &Residuals, shared_mm: f64) -> f64 {
+    let of_noise = u_range_mm(&residuals.of_used(), 0, 1.0) * std::f64::consts::FRAC_1_SQRT_2;
+    (of_noise * of_noise + shared_mm * shared_mm).sqrt()
 }

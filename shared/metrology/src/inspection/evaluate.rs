@@ -123,7 +123,7 @@ fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Out
     let samples = gather(cloud, &world_from_part.inverse(), &regions);
     let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
     let fitted = plan.elements.par_iter().zip(&samples);
-    fitted.map(|(e, s)| measure(e, s, correlation).map_err(|error| error.to_string())).collect()
+    fitted.map(|(e, s)| measure(e, s, cloud, correlation).map_err(|error| error.to_string())).collect()
 }
 
 /// What is reported of an element. The residuals live on in its points.
@@ -185,6 +185,12 @@ impl Reading {
         let filter = self.filter.as_ref().map_or([0.0; 2], |f| [f.u_cell_mm, f.noise_range_mm]);
         let form = [self.form_sigma_mm, self.form_range_mm].map(Option::unwrap_or_default);
         [self.value, self.u_noise].iter().chain(&filter).chain(&form).all(|v| v.is_finite())
+    }
+
+    /// A range with what errors in common do to it, mm: at worst both ends err alike, away from each other.
+    fn with_shared(self, shared_mm: f64) -> Self {
+        let u_noise = (self.u_noise * self.u_noise + 4.0 * shared_mm * shared_mm).sqrt();
+        Self { u_noise, ..self }
     }
 
     fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
@@ -268,6 +274,11 @@ fn places(elements: &[Outcome], index: usize) -> &[Across] {
     elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across)
 }
 
+/// Root mean square of the errors that points of an element may have in common, mm.
+fn shared_mm(elements: &[Outcome], index: usize) -> f64 {
+    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(0.0, |measured| measured.shared_mm)
+}
+
 fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
     match elements.get(index) {
         Some(Ok(Measured { fit: FittedElement::Plane(plane), .. })) => Ok(plane),
@@ -287,10 +298,13 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             let (a, b) = (sphere(elements, a)?, sphere(elements, b)?);
             Reading::derived(centre_distance_mm(a, b), &[&a.form, &b.form])
         }
-        Quantity::PlaneFlatness { plane: index, filter_mm: None } => flatness(plane(elements, index)?),
+        Quantity::PlaneFlatness { plane: index, filter_mm: None } => {
+            flatness(plane(elements, index)?).with_shared(shared_mm(elements, index))
+        }
         Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
             filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
                 .map_err(|error| error.to_string())?
+                .with_shared(shared_mm(elements, index))
         }
         Quantity::PlaneDistance([a, b]) => {
             let (a, b) = (plane(elements, a)?, plane(elements, b)?);

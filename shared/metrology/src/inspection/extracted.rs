@@ -156,6 +156,12 @@ fn u_of_range(values: &[f64], means: bool) -> f64 {
     if means { u_range_of_means_mm(&about) } else { u_range_mm(&about, 0, 1.0) }
 }
 
+/// The uncertainty of a range of an element's points, or of twice their largest deviation, from errors that they may have in common: at
+/// worst both ends err alike, away from each other.
+fn u_shared_mm(base: &Base<'_>) -> f64 {
+    2.0 * base.measured.map_or(0.0, |measured| measured.shared_mm)
+}
+
 type Framed<'f> =
     &'f dyn Fn(&fringe::geometry::pose::Pose, &[Part], &Base<'_>) -> Result<Vec<Sample>, String>;
 type Reduced<'f> = &'f dyn Fn(&[f64]) -> Result<([f64; 2], f64), String>;
@@ -185,7 +191,7 @@ fn framed(
         Ok([high - low])
     })?;
     let u_points = factor * u_of_range(&here, one.filter_mm.is_some());
-    let u = (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt();
+    let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value: high - low, u, bonus_mm: None })
 }
 
@@ -201,7 +207,9 @@ fn form(
     let [low, high] = extremes(&values)?;
     let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
     let rejected = all.len() - base.used().count();
-    let u = if one.filter_mm.is_some() { u_of_range(&values, true) } else { u_range_mm(all, rejected, 1.0) };
+    let u_points =
+        if one.filter_mm.is_some() { u_of_range(&values, true) } else { u_range_mm(all, rejected, 1.0) };
+    let u = (u_points * u_points + u_shared_mm(base).powi(2)).sqrt();
     let value = match criterion {
         Criterion::MinimumZone => minimum_zone(base, &list)?,
         _ => high - low,
@@ -298,5 +306,6 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
     })?;
     // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
     let u_points = u_of_range(&of(&residuals(joint, base, one), key), one.filter_mm.is_some());
-    Ok(Value { value, u: (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt(), bonus_mm: None })
+    let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
+    Ok(Value { value, u, bonus_mm: None })
 }

@@ -16,6 +16,7 @@ use super::region::Region;
 use super::result::DeviationPoint;
 use super::stretch::{STRETCH, Stretch};
 use crate::fit::{self, Correlation, FitError, FitSettings};
+use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
@@ -34,9 +35,6 @@ const STILL_MARGINS: f64 = 0.01;
 /// the margin at most.
 const PLACING_POINTS: usize = 4000;
 
-/// Rough fits place a region; their uncertainties are not used.
-pub(super) const PLACING: Correlation = Correlation::Independent;
-
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
 
@@ -51,6 +49,8 @@ pub(super) struct Measured {
     pub across: Vec<Across>,
     /// Points behind the fit in the part frame; of an outline those of its border.
     pub positions: Vec<Point3<f64>>,
+    /// Root mean square of the errors that the points may have in common, mm.
+    pub shared_mm: f64,
 }
 
 /// The samples that belong to a region, as places in `samples`.
@@ -108,23 +108,22 @@ pub(super) fn positions(samples: &[Sample], chosen: &[u32]) -> Vec<Point3<f64>> 
 pub(super) fn fit(
     element: &Element,
     points: &[Point3<f64>],
-    correlation: Correlation,
+    settings: &FitSettings,
 ) -> Result<FittedElement, MeasureError> {
-    let settings = FitSettings { max_reject_fraction: element.max_reject_fraction, correlation };
     match &element.geometry {
-        Geometry::Sphere { .. } => fit::sphere(points, &settings).map(FittedElement::Sphere),
+        Geometry::Sphere { .. } => fit::sphere(points, settings).map(FittedElement::Sphere),
         Geometry::Plane { normal, .. } => {
-            fit::plane(points, &settings).map(|plane| FittedElement::Plane(plane.towards(normal)))
+            fit::plane(points, settings).map(|plane| FittedElement::Plane(plane.towards(normal)))
         }
-        Geometry::Cylinder { .. } => fit::cylinder(points, &settings).map(FittedElement::Cylinder),
-        Geometry::Cone { .. } => fit::cone(points, &settings).map(FittedElement::Cone),
-        Geometry::Torus { .. } => fit::torus(points, &settings).map(FittedElement::Torus),
+        Geometry::Cylinder { .. } => fit::cylinder(points, settings).map(FittedElement::Cylinder),
+        Geometry::Cone { .. } => fit::cone(points, settings).map(FittedElement::Cone),
+        Geometry::Torus { .. } => fit::torus(points, settings).map(FittedElement::Torus),
         Geometry::Point { point_mm, normal, .. } => {
-            fit::surface_point(points, point_mm, normal, &settings).map(FittedElement::Point)
+            fit::surface_point(points, point_mm, normal, settings).map(FittedElement::Point)
         }
         Geometry::Surface(surface) => Ok(FittedElement::Surface(SurfaceFit::new(surface, points))),
         Geometry::Outline { .. } | Geometry::Line { .. } => {
-            outlined(element, points, &settings).map(|found| found.0)
+            outlined(element, points, settings).map(|found| found.0)
         }
     }
     .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
@@ -137,13 +136,14 @@ pub(super) fn fit(
 pub(super) fn measure(
     element: &Element,
     samples: &[Sample],
+    cloud: &[Point],
     correlation: Correlation,
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
     for _ in 0..ROUNDS {
         let thin = thinned(element, &region, samples, None, (element.min_points, PLACING_POINTS))?;
-        let rough = fit(element, &thin, PLACING)?;
+        let rough = fit(element, &thin, &placing(element))?;
         check(element, &rough)?;
         let moved_mm = shift_mm(&region.geometry, &rough);
         region = about(&nominal, &rough);
@@ -154,8 +154,11 @@ pub(super) fn measure(
     let chosen = choose(element, &region, samples, element.min_points)?;
     let given = positions(samples, &chosen);
     refuse_copies(element, &given)?;
-    let fitted = fit(element, &given, correlation)?;
-    let (found, behind) = associated(element, given, fitted, correlation)?;
+    let shared_mm = shared_mm(samples, &chosen, cloud);
+    let max_reject_fraction = element.max_reject_fraction;
+    let settings = FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm };
+    let fitted = fit(element, &given, &settings)?;
+    let (found, behind) = associated(element, given, fitted, &settings)?;
     check(element, &found)?;
     if !found.is_finite() {
         let source = FitError::Degenerate { element: element.geometry.kind(), why: NOT_FINITE };
@@ -163,7 +166,29 @@ pub(super) fn measure(
     }
     let points = deviations(&nominal, &found, samples, &chosen);
     let across = across(&nominal, samples, &chosen);
-    Ok(Measured { fit: found, points, across, positions: behind })
+    Ok(Measured { fit: found, points, across, positions: behind, shared_mm: rms(&shared_mm) })
+}
+
+/// What the error of each chosen point may have in common with others; empty where that is nothing, as a rule.
+fn shared_mm(samples: &[Sample], chosen: &[u32], cloud: &[Point]) -> Vec<f32> {
+    let shared = |place: &u32| cloud[samples[*place as usize].index as usize].shared_mm;
+    if chosen.iter().all(|place| shared(place) == 0.0) {
+        Vec::new()
+    } else {
+        chosen.iter().map(shared).collect()
+    }
+}
+
+/// Their root mean square as far as it counts, what an extreme of the element may be off by. Not the largest: noise raises some
+/// points, and just those at its extremes.
+pub(super) fn rms(shared_mm: &[f32]) -> f64 {
+    let squares: f64 = shared_mm.iter().map(|shared| f64::from(*shared).powi(2)).sum();
+    fit::beyond_noise(shared_mm) * (squares / shared_mm.len().max(1) as f64).sqrt()
+}
+
+/// How rough fits are made, which place a region; their uncertainties are not used.
+pub(super) fn placing(element: &Element) -> FitSettings<'static> {
+    FitSettings { max_reject_fraction: element.max_reject_fraction, ..FitSettings::default() }
 }
 
 /// Positions of the samples that belong to a region, among every k-th sample, k such that `most` of all samples remain, after a

@@ -15,7 +15,7 @@ fn bytes(points: &[Point]) -> &[u8] {
 
 /// All but the uncertainty.
 fn unraised(points: &[Point]) -> Vec<Point> {
-    points.iter().map(|point| Point { sigma_mm: 0.0, ..*point }).collect()
+    points.iter().map(|point| Point { sigma_mm: 0.0, shared_mm: 0.0, ..*point }).collect()
 }
 
 /// A plane with a raised place of 8 × 10 mm in it.
@@ -37,6 +37,11 @@ fn where_pairs_disagree_their_points_say_so() {
     assert_eq!((report.removed.as_slice(), out.len()), ([3, 0].as_slice(), 20_000));
     let raised = out.iter().filter(|p| f64::from(p.sigma_mm) > 1.001 * sigma).count();
     assert_eq!(report.disagreeing as usize, raised);
+    // What was added is what they may have in common.
+    assert!(out.iter().all(|p| {
+        let noise = f64::from(p.sigma_mm).powi(2) - f64::from(p.shared_mm).powi(2);
+        (noise.sqrt() / sigma - 1.0).abs() < 1e-4
+    }));
     let warning = disagreement_warning(report.disagreeing, report.points).unwrap();
     let share = 100.0 * raised as f64 / 20_000.0;
     assert!(warning.contains(&format!("at {share:.0} % of the points")), "{warning}");
@@ -160,7 +165,8 @@ fn what_is_no_uncertainty_is_not_compared() {
     let told = out.iter().filter(inside).filter(|p| p.sigma_mm > 0.015 && p.sigma_mm < 0.1).count();
     let all = out.iter().filter(inside).count();
     assert!(all > 1000 && told as f64 > 0.98 * all as f64, "{told} of {all}");
-    let nothing: Vec<Point> = b.iter().map(|point| Point { sigma_mm: 0.0, ..*point }).collect();
+    let nothing: Vec<Point> =
+        b.iter().map(|point| Point { sigma_mm: 0.0, shared_mm: 0.0, ..*point }).collect();
     let flat = unraised(&patch(plane(0.0), 0.0, 0.0, 1));
     let (report, out) = fused(&[&flat, &nothing]);
     assert_eq!((report.disagreeing, bytes(&out)), (0, bytes(&[flat, nothing].concat())));

@@ -8,6 +8,7 @@ use super::*;
 mod independent;
 mod nist;
 mod reference;
+mod shared;
 mod touching;
 mod uncertainty;
 mod zones;
@@ -46,9 +47,7 @@ fn stated_fraction_is_rejected_and_no_more() {
     for (i, point) in points[..100].iter_mut().enumerate() {
         *point += Vector3::new(0.0, 0.0, if i % 3 == 0 { -1.0 } else { 2.0 });
     }
-    let fit =
-        sphere(&points, &FitSettings { max_reject_fraction: 0.1, correlation: Correlation::Independent })
-            .unwrap();
+    let fit = sphere(&points, &FitSettings { max_reject_fraction: 0.1, ..FitSettings::default() }).unwrap();
     assert_eq!((fit.form.points, fit.form.rejected), (900, 100));
     assert!((fit.diameter_mm - clean.diameter_mm).abs() < 1e-9);
     assert!((fit.center() - clean.center()).amax() < 1e-9);
@@ -205,7 +204,7 @@ proptest! {
     fn no_cloud_makes_a_fit_panic(points in prop::collection::vec(prop::array::uniform3(
         prop_oneof![-1e3..1e3f64, Just(0.0), Just(1.0), Just(f64::NAN), Just(f64::INFINITY), Just(1e-300)]), 0..40)) {
         let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
-        let settings = FitSettings { max_reject_fraction: 0.1, correlation: Correlation::Estimated };
+        let settings = FitSettings { max_reject_fraction: 0.1, correlation: Correlation::Estimated, ..FitSettings::default() };
         if let Ok(fit) = sphere(&points, &settings) { prop_assert!(fit.diameter_mm.is_finite()); }
         if let Ok(fit) = plane(&points, &settings) { prop_assert!(fit.offset_mm.is_finite()); }
         if let Ok(fit) = line(&points, &settings) { prop_assert!(fit.straightness_mm.is_finite()); }

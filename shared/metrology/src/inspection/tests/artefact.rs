@@ -136,7 +136,7 @@ impl Setup {
                         modulation: 80.0,
                         pair: pair as u32,
                         pixel: 0,
-                        reserved: 0,
+                        shared_mm: 0.0,
                     });
                 }
             }

@@ -206,7 +206,7 @@ fn copies_of_few_points_are_no_measurement() {
             modulation: 80.0,
             pair: 0,
             pixel: 0,
-            reserved: 0,
+            shared_mm: 0.0,
         }
     };
     let four: Vec<Point> = (0..4).map(&mut point).collect();
@@ -312,7 +312,7 @@ proptest! {
         let cloud: Vec<Point> = places
             .into_iter()
             .map(|(position_mm, normal)| Point {
-                position_mm, normal, sigma_mm: 0.0, modulation: 0.0, pair: 0, pixel: 0, reserved: 0,
+                position_mm, normal, sigma_mm: 0.0, modulation: 0.0, pair: 0, pixel: 0, shared_mm: 0.0,
             })
             .collect();
         let mut plan = plan();

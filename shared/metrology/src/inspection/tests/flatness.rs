@@ -63,7 +63,7 @@ fn cloud(seed: u64, pitch_mm: f64, sigma_mm: f64, form: impl Fn(f64, f64) -> f64
                     modulation: 80.0,
                     pair: pair as u32,
                     pixel: 0,
-                    reserved: 0,
+                    shared_mm: 0.0,
                 });
             }
         }

@@ -93,10 +93,8 @@ impl Seen<'_> {
                 refuse_run(run, regions, &confirms, demanded_px, |place, count| asked[place][way] = count);
             }
         }
-        for (demanded, asked) in
-            demanded_px.iter_mut().zip(asked).filter(|(demanded, _)| demanded.is_finite())
-        {
-            if enough(asked) < LEAST {
+        for (demanded, asked) in demanded_px.iter_mut().zip(asked) {
+            if demanded.is_finite() && enough(asked) < LEAST {
                 *demanded = REFUSED;
             }
         }

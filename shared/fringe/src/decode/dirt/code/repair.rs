@@ -70,10 +70,10 @@ pub(super) fn repair(
         return findings;
     }
     if !lost.is_empty() {
-        let middle = 0.5 * (verdict.dark + verdict.light);
-        Seen { look, covers, lost: &lost, middle }.settle(regions, rasters, demanded_px);
+        let seen = Seen { look, covers, lost: &lost, middle: 0.5 * (verdict.dark + verdict.light) };
+        seen.settle(regions, rasters, demanded_px);
+        write(&seen, verdict, demanded_px, rasters);
     }
-    write(look, (&lost, verdict), covers, demanded_px, rasters);
     findings
 }
 
@@ -125,18 +125,11 @@ fn flat(look: &CodeLook, frame: usize, verdict: &Verdict, covers: &Covers, raste
 }
 
 /// Writes bits that no frame shows as the phase of their region demands, where the other bits confirm it.
-fn write(
-    look: &CodeLook,
-    (lost, verdict): (&[usize], &Verdict),
-    covers: &Covers,
-    demanded_px: &[f32],
-    rasters: &mut Rasters,
-) {
+fn write(seen: &Seen, verdict: &Verdict, demanded_px: &[f32], rasters: &mut Rasters) {
+    let look = seen.look;
     let pixels = look.phase_rad.len();
-    let middle = 0.5 * (verdict.dark + verdict.light);
-    let seen = Seen { look, covers, lost, middle };
-    for frame in lost {
-        let Some(bits) = Bits::of(&seen, *frame) else { continue };
+    for frame in seen.lost {
+        let Some(bits) = Bits::of(seen, *frame) else { continue };
         let values = rasters.taken(look.frames[*frame].raster, pixels);
         let value = |place: usize| {
             // Where no region says what it should show, nobody can tell whether a frame that is wrong elsewhere is right.
@@ -144,7 +137,7 @@ fn write(
                 return values[place];
             }
             let light = bits.demanded(rasters, f64::from(demanded_px[place]), place);
-            let level = light.map_or(middle, |light| if light { verdict.light } else { verdict.dark });
+            let level = light.map_or(seen.middle, |light| if light { verdict.light } else { verdict.dark });
             value_dn(look, place, level)
         };
         let written: Vec<u16> = (0..pixels).map(value).collect();
