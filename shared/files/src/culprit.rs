@@ -22,9 +22,14 @@ fn json(value: Value) -> serde_json::Value {
     }
 }
 
-/// The key that is `refused`, such as `element[2].min_points`, or the table `element[2]` in which one is missing; `None` where no table of
-/// a list is to blame.
-pub fn culprit(document: &Table, refused: &dyn Fn(&Table) -> Option<String>) -> Option<String> {
+/// The key that `T` refuses, such as `element[2].min_points`, or the table `element[2]` in which one is missing; `None` where no table of a list
+/// is to blame.
+pub fn culprit<T: DeserializeOwned>(text: &str) -> Option<String> {
+    blamed(&text.parse().ok()?, &refusal::<T>)
+}
+
+/// The same, once for all types. `refused`: what is refused of a document.
+pub fn blamed(document: &Table, refused: &dyn Fn(&Table) -> Option<String>) -> Option<String> {
     let message = refused(document)?;
     // Each table by itself, so that long lists are not read again for each of their keys.
     let mut alone = document.clone();
@@ -93,14 +98,10 @@ mod tests {
         Face { normal: [f64; 3] },
     }
 
-    fn of_plan(text: &str) -> Option<String> {
-        culprit(&text.parse().unwrap(), &refusal::<Plan>)
-    }
-
     #[test]
     fn the_key_is_found_in_its_table() {
         let of = |more: &str| {
-            of_plan(&format!(
+            culprit::<Plan>(&format!(
                 "name = \"p\"\n[[element]]\nkind = \"face\"\nnormal = [0.0, 0.0, 1.0]\n[[element]]\n{more}"
             ))
         };
@@ -116,6 +117,7 @@ mod tests {
 
     #[test]
     fn what_lies_in_no_list_is_left_to_the_message() {
-        assert_eq!(of_plan("name = 3\n[[element]]\nkind = \"ball\"\nsize = 1.0"), None);
+        assert_eq!(culprit::<Plan>("name = 3\n[[element]]\nkind = \"ball\"\nsize = 1.0"), None);
+        assert_eq!(culprit::<Plan>("name = "), None);
     }
 }

@@ -1,6 +1,6 @@
 //! Text files and TOML documents, read whole, with messages that point into them.
 
-use crate::culprit::{culprit, refusal};
+use crate::culprit::culprit;
 use crate::error::{FileError, Problem, did_you_mean};
 use crate::guard;
 use crate::memory;
@@ -223,8 +223,7 @@ impl Document {
     fn placed_fault<T: DeserializeOwned>(&self, error: &toml::de::Error) -> FileError {
         let mut fault = self.toml_fault(error);
         let at_head = error.span().is_some_and(|span| self.key_at(span.start).is_empty());
-        let culprit = || culprit(&self.text.parse().ok()?, &refusal::<T>);
-        if let Some(key) = at_head.then(culprit).flatten() {
+        if let Some(key) = at_head.then(|| culprit::<T>(&self.text)).flatten() {
             fault.line = self.line_of(&key).or(fault.line);
             if fault.key.is_empty() {
                 fault.key = key;

@@ -1,6 +1,6 @@
 //! Lists of a document that have more values than are read.
 
-use crate::culprit::{culprit, refusal};
+use crate::culprit::{blamed, refusal};
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
@@ -8,7 +8,7 @@ use toml::{Table, Value};
 pub fn surplus<T: DeserializeOwned>(text: &str) -> Option<(String, String)> {
     let document: Table = text.parse().ok()?;
     let message = refusal::<T>(&document).filter(|message| message.contains("fewer elements in array"))?;
-    let key = culprit(&document, &refusal::<T>).or_else(|| outside_lists(&document, &refusal::<T>));
+    let key = blamed(&document, &refusal::<T>).or_else(|| outside_lists(&document, &refusal::<T>));
     Some((key.unwrap_or_default(), message))
 }
 

@@ -1,8 +1,8 @@
 //! Point clouds as PLY files.
 //!
 //! Written: binary little-endian, `x y z` as double, `nx ny nz sigma modulation` as float, `pair` as uchar, 45 bytes a
-//! point, positions in mm in the world frame; `sigma_shared` as float behind them where any point has it. Read: any PLY (text, both byte orders, float or double, elements and
-//! properties in any order; unknown ones are skipped).
+//! point, positions in mm in the world frame; `sigma_shared` as float behind them where any point has it. Read: any PLY
+//! (text, both byte orders, float or double, elements and properties in any order; unknown ones are skipped).
 
 mod mesh;
 mod write;
@@ -160,20 +160,21 @@ fn check_values(path: &Path, cloud: &Cloud) -> Result<(), FileError> {
         return Err(FileError::new(path, problem, "lengths are read as mm: convert them, and the comment"));
     }
     let outside = |value: f32| value < 0.0 || value.is_infinite();
-    let wrong = |name: &str, value: fn(&Point) -> f32, takes_nan: bool| {
-        let count =
-            cloud.points.iter().map(value).filter(|v| outside(*v) || (v.is_nan() && !takes_nan)).count();
-        let nan = if takes_nan { "" } else { " or no number" };
-        let problem = Problem::Unsupported(format!(
-            "has {count} of {} points whose \"{name}\" is negative or infinite{nan}",
-            cloud.points.len()
-        ));
-        let remedy =
-            "a standard uncertainty is 0 mm or more: write the file again, or leave the property out";
-        if count == 0 { Ok(()) } else { Err(FileError::new(path, problem, remedy)) }
-    };
-    wrong("sigma", |point| point.sigma_mm, true)?;
-    wrong("sigma_shared", |point| point.shared_mm, false)
+    let sigmas = cloud.points.iter().filter(|point| outside(point.sigma_mm)).count();
+    refuse_uncertainties(path, cloud, "\"sigma\" is negative or infinite", sigmas)?;
+    let shared =
+        cloud.points.iter().filter(|point| outside(point.shared_mm) || point.shared_mm.is_nan()).count();
+    refuse_uncertainties(path, cloud, "\"sigma_shared\" is negative or infinite or no number", shared)
+}
+
+/// Refuses a cloud in which so many uncertainties are none.
+fn refuse_uncertainties(path: &Path, cloud: &Cloud, what: &str, count: usize) -> Result<(), FileError> {
+    if count == 0 {
+        return Ok(());
+    }
+    let problem = Problem::Unsupported(format!("has {count} of {} points whose {what}", cloud.points.len()));
+    let remedy = "a standard uncertainty is 0 mm or more: write the file again, or leave the property out";
+    Err(FileError::new(path, problem, remedy))
 }
 
 /// A cloud of the vertices read, without those that are nowhere.

@@ -10,7 +10,6 @@
 //!
 //! for every combination g of the parameters: a covariance, which is that of n independent points times n where all cᵢ are alike.
 //! For the place of a plane it is exact, for its tilt it exceeds the worst correlation by the root of 4/3.
-
 //!
 //! Noise alone makes pairs disagree at a few points in a hundred. Such errors are no wider than what residuals show, which the covariance
 //! of noise holds already: a share of the points that is not larger adds nothing, and of a larger one what is beyond it counts.
@@ -19,7 +18,7 @@ use nalgebra::{SMatrix, Vector3};
 
 use super::adjust::Model;
 
-/// Share of the points that noise raises at most: 1.6 and 2.1 % of two clouds, 3 % of what two pairs see of them.
+/// Share of the points that noise raises at most, with room: 1.6 to 2.1 % of whole clouds (docs/phase.md), and more of what both pairs see.
 const BY_NOISE: f64 = 0.05;
 
 /// The part of errors in common, 0 … 1, that counts.
@@ -40,13 +39,13 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
     let mut middle = SMatrix::<f64, P, P>::zeros();
     let mut total = 0.0;
     let part = beyond_noise(shared_mm);
+    if part == 0.0 {
+        return middle;
+    }
     for (point, shared_mm) in points.iter().zip(shared_mm).filter(|(_, shared)| **shared > 0.0) {
         let shared_mm = part * f64::from(*shared_mm);
         total += shared_mm;
         model.rows(point, &mut |_, derivatives| middle += derivatives * derivatives.transpose() * shared_mm);
-    }
-    if total == 0.0 {
-        return middle;
     }
     let full = inverse * middle * inverse * total;
     (full + full.transpose()) * 0.5

@@ -187,9 +187,9 @@ impl Reading {
         [self.value, self.u_noise].iter().chain(&filter).chain(&form).all(|v| v.is_finite())
     }
 
-    /// A range with what errors in common do to it, mm: at worst both ends err alike, away from each other.
-    fn with_shared(self, shared_mm: f64) -> Self {
-        let u_noise = (self.u_noise * self.u_noise + 4.0 * shared_mm * shared_mm).sqrt();
+    /// A range with what errors in common do to it, mm.
+    fn with_shared(self, u_shared_mm: f64) -> Self {
+        let u_noise = (self.u_noise * self.u_noise + u_shared_mm * u_shared_mm).sqrt();
         Self { u_noise, ..self }
     }
 
@@ -271,12 +271,17 @@ fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
 
 /// Where in its plane an element's points lie.
 fn places(elements: &[Outcome], index: usize) -> &[Across] {
-    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across)
+    measured(elements, index).map_or(&[], |measured| &measured.across)
 }
 
-/// Root mean square of the errors that points of an element may have in common, mm.
-fn shared_mm(elements: &[Outcome], index: usize) -> f64 {
-    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(0.0, |measured| measured.shared_mm)
+/// An element that was measured.
+fn measured(elements: &[Outcome], index: usize) -> Option<&Measured> {
+    elements.get(index)?.as_ref().ok()
+}
+
+/// What errors in common do to a range of an element's points, mm.
+fn u_shared_mm(elements: &[Outcome], index: usize) -> f64 {
+    measured(elements, index).map_or(0.0, Measured::u_range_shared_mm)
 }
 
 fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
@@ -299,12 +304,12 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             Reading::derived(centre_distance_mm(a, b), &[&a.form, &b.form])
         }
         Quantity::PlaneFlatness { plane: index, filter_mm: None } => {
-            flatness(plane(elements, index)?).with_shared(shared_mm(elements, index))
+            flatness(plane(elements, index)?).with_shared(u_shared_mm(elements, index))
         }
         Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
             filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
                 .map_err(|error| error.to_string())?
-                .with_shared(shared_mm(elements, index))
+                .with_shared(u_shared_mm(elements, index))
         }
         Quantity::PlaneDistance([a, b]) => {
             let (a, b) = (plane(elements, a)?, plane(elements, b)?);

@@ -8,6 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
+use super::fit_element::Measured;
 use super::flatness::{u_range_mm, u_range_of_means_mm};
 use super::joint::{Base, Joint, Part};
 use super::location::{Value, in_datums};
@@ -156,10 +157,9 @@ fn u_of_range(values: &[f64], means: bool) -> f64 {
     if means { u_range_of_means_mm(&about) } else { u_range_mm(&about, 0, 1.0) }
 }
 
-/// The uncertainty of a range of an element's points, or of twice their largest deviation, from errors that they may have in common: at
-/// worst both ends err alike, away from each other.
+/// What errors in common do to a range of an element's points, mm.
 fn u_shared_mm(base: &Base<'_>) -> f64 {
-    2.0 * base.measured.map_or(0.0, |measured| measured.shared_mm)
+    base.measured.map_or(0.0, Measured::u_range_shared_mm)
 }
 
 type Framed<'f> =

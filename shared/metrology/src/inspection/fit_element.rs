@@ -53,6 +53,14 @@ pub(super) struct Measured {
     pub shared_mm: f64,
 }
 
+impl Measured {
+    /// What errors in common do to a range of the points, or to twice their largest deviation, mm: at worst both ends err alike, away
+    /// from each other.
+    pub fn u_range_shared_mm(&self) -> f64 {
+        2.0 * self.shared_mm
+    }
+}
+
 /// The samples that belong to a region, as places in `samples`.
 ///
 /// # Errors
