@@ -316,8 +316,9 @@ fn a_test_of_the_twin_runs_from_end_to_end_and_is_judged_again_to_the_same_bytes
         value("PF_range")
     );
     assert!(value("PS").abs() < 0.01 && value("SD").abs() < 0.01, "{} {}", value("PS"), value("SD"));
-    // Beside the form stands what was smoothed for it: 1.67 and 2.12 pixels of some 0.21 mm.
+    // Beside the form stands what was smoothed for it: 1.67, 2.2 (across the base) and 2.12 pixels of some 0.21 mm.
     let resolution = |key: &str| masters[0].0["lateral_resolution"][key].as_f64().unwrap();
     assert!((0.34..0.38).contains(&resolution("step_mm")), "{}", resolution("step_mm"));
+    assert!((1.25..1.4).contains(&(resolution("step_across_mm") / resolution("step_mm"))));
     assert!((1.2..1.3).contains(&(resolution("hidden_step_mm") / resolution("step_mm"))));
 }

@@ -148,14 +148,16 @@ const STEP_TURNED_DEG: [f64; 3] = [4.487_112, 41.803_988, 6.714_389];
 /// Width of the bins of the distance from an edge, mm.
 const BIN_MM: f64 = 0.08;
 
-/// Distances outwards from an edge along the base of the cameras, and heights of the points near it, mm.
-fn near_edge(points: &[fringe::cloud::Point], side: f64) -> Vec<(f64, f64)> {
+/// Distances outwards from an edge of the step, and heights of the points near it, mm. `along_base`: one of the two edges along the base of the
+/// cameras, else one across it.
+fn near_edge(points: &[fringe::cloud::Point], along_base: bool, side: f64) -> Vec<(f64, f64)> {
     let [x, y, z] = STEP_TURNED_DEG.map(f64::to_radians);
     let world_from_step = nalgebra::UnitQuaternion::from_euler_angles(x, y, z);
     let middle = nalgebra::Point3::from(STEP_AT_MM);
     let in_step = points.iter().map(|point| world_from_step.inverse() * (point.position() - middle));
     in_step
-        .map(|at| (side * at.x - 20.0, at.y, at.z))
+        .map(|at| if along_base { (at.x, at.y, at.z) } else { (at.y, at.x, at.z) })
+        .map(|(outwards, along, height)| (side * outwards - 20.0, along, height))
         .filter(|(outwards, along, _)| outwards.abs() < 4.0 && along.abs() < 16.0)
         .map(|(outwards, _, height)| (outwards, height))
         .collect()
@@ -197,14 +199,17 @@ fn the_stated_resolution_is_that_of_a_step() {
     let (rig, cloud, json) = (cell.path("rig.toml"), cell.path("step.ply"), cell.path("plan.json"));
     fringetool(&["reconstruct", "--rig", &rig, "--pair", "pair1", "--out", &cloud, &cell.path("step")])
         .expect_success();
-    let ran = fringetool(&["plan-patterns", "--rig", &rig, "--camera-blur-px", "0.577", "--json", &json])
+    let short = ["--camera-blur-px", "0.577", "--most-period-px", "6"];
+    let ran = fringetool(&[&["plan-patterns", "--rig", &rig, "--json", &json][..], &short].concat())
         .expect_success();
     assert!(ran.stdout.contains("lateral resolution"), "{}", ran.stdout);
-    let stated = cell.json("plan.json")["lateral_resolution"]["step_mm"].as_f64().unwrap();
     let points = files::ply::read_cloud(cloud.as_ref()).unwrap().points;
-    let edges = [1.0, -1.0].map(|side| edge_mm(&near_edge(&points, side)));
-    let measured = 0.5 * (edges[0] + edges[1]);
-    assert!((measured / stated - 1.0).abs() < 0.1, "edges {edges:?} mm, stated {stated} mm");
+    for (key, along_base) in [("step_mm", true), ("step_across_mm", false)] {
+        let stated = cell.json("plan.json")["lateral_resolution"][key].as_f64().unwrap();
+        let edges = [1.0, -1.0].map(|side| edge_mm(&near_edge(&points, along_base, side)));
+        let measured = 0.5 * (edges[0] + edges[1]);
+        assert!((measured / stated - 1.0).abs() < 0.1, "{key}: edges {edges:?} mm, stated {stated} mm");
+    }
 }
 
 /// Numbers that cannot be are refused with flag or key, value and limit, on one line.

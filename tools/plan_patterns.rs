@@ -6,12 +6,15 @@ use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use files::recording::{ProjectorRecord, recording_text};
 use files::rig_file::read_rig;
+use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::Axis;
 use fringe::planning::geometry::Depth;
 use fringe::planning::resolution::{Resolution, Seen};
+use fringe::planning::step_edge::Crossing;
 use fringe::planning::{Proposal, Requirements, geometry, propose};
 use fringe::surface::SurfaceSettings;
+use nalgebra::Point3;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -90,8 +93,25 @@ struct Target {
     depth: Depth,
     /// Projector pixels per camera pixel; 0 where the camera is not known.
     scale: f64,
-    /// What the cloud resolves, where the camera is known.
-    resolution: Option<Resolution>,
+    /// How the cloud's detail is seen, where the camera is known.
+    sight: Option<Sight>,
+}
+
+/// The views of a surface in the middle of what they see.
+struct Sight {
+    seen: Seen,
+    views: [Camera; 2],
+    light: Camera,
+    at: Point3<f64>,
+}
+
+impl Sight {
+    /// What the cloud resolves under fringes of this many projector pixels.
+    fn resolution(&self, period_px: f64) -> Resolution {
+        let [first, second] = &self.views;
+        let crossing = Crossing::new([first, second], (&self.light, Some(period_px)), &self.at);
+        self.seen.resolution(first, crossing, &self.at)
+    }
 }
 
 /// Standard deviation of two blurs after each other.
@@ -135,13 +155,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
             wanted.extent_px
         );
     };
-    print(&target, &proposals, args.rows);
+    let resolution = target.sight.as_ref().map(|sight| sight.resolution(first.period_px));
+    print(&target, resolution, &proposals, args.rows);
     if let Some(path) = &args.out {
         files::atomic::write(path, toml_text(&target, first).as_bytes())?;
         println!("{}: {} frames", path.display(), first.frames);
     }
     let best: Vec<&Proposal> = proposals.iter().take(args.rows).collect();
-    let resolution = target.resolution;
     let result = serde_json::json!({ "wanted": wanted, "proposals": best, "lateral_resolution": resolution });
     emit(args.json.as_deref(), &result)?;
     if first.meets {
@@ -175,7 +195,7 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
                 pattern_cancels: false,
             },
             scale: 0.0,
-            resolution: None,
+            sight: None,
         });
     };
     let rig = read_rig(path)?.rig;
@@ -212,7 +232,13 @@ fn of_pair(
     };
     let second = rig.camera(&pair.right);
     let seen = Seen { footprint_px, matched: second.is_some(), smoothing_px: surface.smoothing_px };
-    let middle_mm = geometry::middle_mm(left, second.unwrap_or(projector));
+    let views = [left, second.unwrap_or(projector)];
+    let sight = geometry::middle_mm(views[0], views[1]).map(|at| Sight {
+        seen,
+        views: views.map(Clone::clone),
+        light: projector.clone(),
+        at,
+    });
     let depth = depth.with_context(|| {
         format!("patterns along {axis:?} contain no depth: the views do not cross; try the other axis")
     })?;
@@ -222,11 +248,11 @@ fn of_pair(
         cameras,
         depth,
         scale: geometry::projector_px_per_camera_px(left, projector).unwrap_or(0.0),
-        resolution: middle_mm.map(|at| seen.resolution(left, &at)),
+        sight,
     })
 }
 
-fn print(target: &Target, proposals: &[Proposal], rows: usize) {
+fn print(target: &Target, resolution: Option<Resolution>, proposals: &[Proposal], rows: usize) {
     let Depth { um_per_px, noise_share, pattern_cancels } = target.depth;
     println!(
         "{}: {um_per_px:.1} µm of a point per projector pixel, {:.0} % of the noise left by smoothing{}",
@@ -234,10 +260,13 @@ fn print(target: &Target, proposals: &[Proposal], rows: usize) {
         noise_share.sqrt() * 100.0,
         if pattern_cancels { "; two cameras: errors of the pattern cancel" } else { "" }
     );
-    if let Some(Resolution { pixel_mm, step_mm, hidden_step_mm }) = target.resolution {
+    if let Some(Resolution { pixel_mm, step_mm, step_across_mm, hidden_step_mm }) = resolution {
+        let across = step_across_mm.map_or_else(String::new, |mm| {
+            format!("{mm:.2} mm across the base (step of 1 mm, fringes of the first proposal), ")
+        });
         println!(
-            "lateral resolution (10 to 90 % of an edge): {step_mm:.2} mm, {hidden_step_mm:.2} mm where the step hides in the noise of single points; \
-             a pixel is {pixel_mm:.3} mm"
+            "lateral resolution (10 to 90 % of an edge): {step_mm:.2} mm, {across}{hidden_step_mm:.2} mm where the step hides in the noise of single \
+             points; a pixel is {pixel_mm:.3} mm"
         );
     }
     println!(

@@ -12,8 +12,10 @@ use files::hash::sha256_hex;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
+use fringe::pattern::PatternSet;
 use fringe::planning::geometry::middle_mm;
 use fringe::planning::resolution::Seen;
+use fringe::planning::step_edge::Crossing;
 use fringe::surface::SurfaceSettings;
 use metrology::acceptance::{
     Characteristic, Evaluator, Input, LateralResolution, RuleSet, TestPlan, TestReport, ViewPlan,
@@ -197,6 +199,17 @@ fn state_own_rules(report: &mut TestReport, sha256: &str) {
     report.conditions.push(("rule set file".into(), format!("sha256 {sha256}")));
 }
 
+/// Period of the finest fringes that a projector shows in a recording, projector pixels.
+fn finest_px(recording: &Recording, projector: &str) -> Option<f64> {
+    let sequence = &recording.projector(projector)?.sequence;
+    let periods = sequence.iter().filter_map(|set| match set {
+        PatternSet::Sine { period_px, .. } => Some(*period_px),
+        PatternSet::Micro { periods_px, .. } => periods_px.iter().copied().min_by(f64::total_cmp),
+        _ => None,
+    });
+    periods.min_by(f64::total_cmp)
+}
+
 /// Where clouds come from.
 struct Sources<'a> {
     folder: &'a Path,
@@ -229,6 +242,9 @@ impl<'a> Sources<'a> {
     /// What the clouds of recordings resolve in the middle of the volume; of several pairs the one that resolves least.
     fn resolution(&self, plan: &TestPlan) -> Option<LateralResolution> {
         let (RigFile { rig, .. }, method, surface) = self.rig.as_ref()?;
+        let mut views = plan.positions.iter().flat_map(|position| &position.views);
+        let recorded = views.find(|view| view.cloud.is_none());
+        let recording = recorded.and_then(|view| Recording::open(&self.folder.join(view.source())).ok());
         let found = rig.pairs.iter().filter_map(|pair| {
             let left = rig.camera(&pair.left)?;
             let second = rig.camera(&pair.right).filter(|_| matches!(method, Method::Phase));
@@ -244,11 +260,17 @@ impl<'a> Sources<'a> {
                 Some(px) => format!("computed from the calibrated footprint of {} ({px:.2} px)", pair.left),
                 None => format!("computed from an assumed footprint of {USUAL_FOOTPRINT_PX} px"),
             };
-            Some((seen.resolution(left, &at), source))
+            let light = rig.projector(&pair.projector);
+            let crossing = light.and_then(|light| {
+                let period_px = finest_px(recording.as_ref()?, &pair.projector);
+                Crossing::new([left, other], (light, period_px), &at)
+            });
+            Some((seen.resolution(left, crossing, &at), source))
         });
         let least = found.max_by(|a, b| a.0.step_mm.total_cmp(&b.0.step_mm));
         least.map(|(found, source)| LateralResolution {
             step_mm: found.step_mm,
+            step_across_mm: found.step_across_mm,
             hidden_step_mm: Some(found.hidden_step_mm),
             source,
         })

@@ -116,7 +116,8 @@ fn a_monitor_that_dies_or_hangs_costs_no_cycle() {
     });
     // One that hangs takes no messages; the cycles go on.
     signal("STOP", page.monitor().unwrap());
-    assert_eq!(wait(page.run).status.code(), Some(0));
+    let ended = wait(page.run);
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
     hashes(&page.cell, 16);
     assert_eq!(page.cell.left(), Vec::<String>::new());
 }
@@ -135,7 +136,8 @@ fn a_monitor_that_panics_is_started_again() {
     let number = |page: &Page| Some(get_if(page.address, "/api/state")?.json()["history"].as_array()?.len());
     page.until("served", |page| number(page).is_some_and(|number| number > 2));
     assert!(!drill.join("monitor").exists());
-    assert_eq!(wait(page.run).status.code(), Some(0));
+    let ended = wait(page.run);
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
     hashes(&page.cell, 12);
 }
 

@@ -14,6 +14,7 @@ pub mod geometry;
 pub mod pattern;
 pub mod resolution;
 mod sets;
+pub mod step_edge;
 #[cfg(test)]
 mod tests;
 

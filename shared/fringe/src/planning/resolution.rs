@@ -6,9 +6,10 @@
 //! change nothing, five and seven widen. A step well above the noise is seen by the window's residuals, the window shrinks, and the
 //! edge stays as sharp as the views are; a step that hides in the noise of single points is smoothed in full.
 //!
-//! Fringe period and number of steps are not part of it. Edges along the epipolar lines are meant, and lower ones in any direction: of a high step across them
-//! one camera sees the wall, and the other does not.
+//! Fringe period and number of steps are not part of it. This is so of edges along the epipolar lines, the base of the views; of one across them one view
+//! sees the wall, and the other does not, which [`super::step_edge`] adds for a step of 1 mm.
 
+use super::step_edge::Crossing;
 use crate::geometry::camera::Camera;
 use crate::math::erf;
 use nalgebra::Point3;
@@ -21,6 +22,8 @@ const MATCHED_PX: [f64; 4] = [-1.5, -0.5, 0.5, 1.5];
 const PLACES: u32 = 20;
 /// Narrower footprints than this make no difference, px.
 const LEAST_PX: f64 = 1e-3;
+/// Height of the step whose edge across the base is stated, mm.
+const STEP_HEIGHT_MM: f64 = 1.0;
 /// First step of the search for the crossing, px.
 const SEARCH_PX: f64 = 1.0 / 64.0;
 /// Bisections of that step: below a millionth of a pixel.
@@ -31,9 +34,11 @@ const BISECTIONS: u32 = 16;
 pub struct Resolution {
     /// Length of a pixel of the first view on the surface, mm.
     pub pixel_mm: f64,
-    /// Width from 10 to 90 % of a step far above the noise, mm.
+    /// Width from 10 to 90 % of a step far above the noise whose edge runs along the base of the views, mm.
     pub step_mm: f64,
-    /// The same of a step that hides in the noise of single points and is smoothed over the whole window, mm.
+    /// The same of a step of 1 mm whose edge crosses the base, mm; `None` where it is not known from where the light comes.
+    pub step_across_mm: Option<f64>,
+    /// The same, along the base, of a step that hides in the noise of single points and is smoothed over the whole window, mm.
     pub hidden_step_mm: f64,
 }
 
@@ -49,13 +54,15 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Widths from 10 to 90 % as lengths at a place that a camera sees.
-    pub fn resolution(&self, camera: &Camera, at: &Point3<f64>) -> Resolution {
+    /// Widths from 10 to 90 % as lengths at a place that a camera sees. `crossing`: how views and light lie there, where that is known.
+    pub fn resolution(&self, camera: &Camera, crossing: Option<Crossing>, at: &Point3<f64>) -> Resolution {
         let pixel_mm = (camera.centre_mm() - at).norm() / camera.focal_px[0];
         let alone = Self { smoothing_px: 1, ..*self };
+        let across_px = crossing.and_then(|crossing| crossing.width_px(self, STEP_HEIGHT_MM / pixel_mm));
         Resolution {
             pixel_mm,
             step_mm: pixel_mm * alone.width_px(),
+            step_across_mm: across_px.map(|px| pixel_mm * px),
             hidden_step_mm: pixel_mm * self.width_px(),
         }
     }
@@ -95,19 +102,24 @@ impl Seen {
         0.5 * (1.0 + erf(x_px / (SQRT_2 * self.footprint_px.max(LEAST_PX))))
     }
 
-    /// The edge read from a quadratic over four pixels, mean over the places between two of them.
+    /// The edge as the match reads it.
     fn read(&self, x_px: f64) -> f64 {
-        let mut sum = 0.0;
-        for place in 0..PLACES {
-            let at = (f64::from(place) + 0.5) / f64::from(PLACES) - 0.5;
-            for pixel in MATCHED_PX {
-                // Orthogonal polynomials 1, s and s² − 5/4 over the four pixels, their squares summing to 4, 5 and 4.
-                let weight = 0.25 + at * pixel / 5.0 + (at * at - 1.25) * (pixel * pixel - 1.25) / 4.0;
-                sum += weight * self.edge(x_px + pixel - at);
-            }
-        }
-        sum / f64::from(PLACES)
+        read_between(|x_px| self.edge(x_px), x_px)
     }
+}
+
+/// A value at a place, read from a quadratic over four pixels; mean over the places between two of them.
+pub(super) fn read_between(value: impl Fn(f64) -> f64, x_px: f64) -> f64 {
+    let mut sum = 0.0;
+    for place in 0..PLACES {
+        let at = (f64::from(place) + 0.5) / f64::from(PLACES) - 0.5;
+        for pixel in MATCHED_PX {
+            // Orthogonal polynomials 1, s and s² − 5/4 over the four pixels, their squares summing to 4, 5 and 4.
+            let weight = 0.25 + at * pixel / 5.0 + (at * at - 1.25) * (pixel * pixel - 1.25) / 4.0;
+            sum += weight * value(x_px + pixel - at);
+        }
+    }
+    sum / f64::from(PLACES)
 }
 
 /// Weight of the pixel k of a line in the quadratic over 2 half + 1 of them, read at its middle.

@@ -235,6 +235,7 @@ impl<'a> Evaluator<'a> {
             conditions: all,
             lateral_resolution: self.plan.conditions.lateral_resolution_mm.map(|step_mm| LateralResolution {
                 step_mm,
+                step_across_mm: None,
                 hidden_step_mm: None,
                 source: "stated by the operator".to_owned(),
             }),

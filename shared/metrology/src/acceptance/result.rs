@@ -60,8 +60,11 @@ impl TestReport {
 /// Over what length a cloud goes from 10 to 90 % of the height of a straight edge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LateralResolution {
-    /// Of a step far above the noise, mm.
+    /// Of a step far above the noise whose edge runs along the base of the views, mm.
     pub step_mm: f64,
+    /// Of a step of 1 mm whose edge crosses the base, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step_across_mm: Option<f64>,
     /// Of a step that hides in the noise of single points and is smoothed over the whole window, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hidden_step_mm: Option<f64>,
@@ -72,11 +75,14 @@ pub struct LateralResolution {
 impl LateralResolution {
     /// Lengths and source as a report states them.
     pub fn words(&self) -> String {
-        let Self { step_mm, hidden_step_mm, source } = self;
+        let Self { step_mm, step_across_mm, hidden_step_mm, source } = self;
+        let across = step_across_mm.map_or_else(String::new, |mm| {
+            format!(", {mm:.2} mm of a step of 1 mm whose edge crosses the base of the views")
+        });
         let hidden = hidden_step_mm.map_or_else(String::new, |mm| {
             format!(", {mm:.2} mm of a step that hides in the noise of single points")
         });
-        format!("{step_mm:.2} mm from 10 to 90 % of a straight step{hidden}; {source}")
+        format!("{step_mm:.2} mm from 10 to 90 % of a straight step{across}{hidden}; {source}")
     }
 }
 

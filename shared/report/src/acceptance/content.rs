@@ -121,12 +121,14 @@ fn resolution(report: &TestReport) -> Vec<Cell> {
         |found| format!("10 to 90 % of a straight step; {}", found.source),
     );
     let length = |mm: Option<f64>| mm.map_or_else(|| NONE.to_owned(), |mm| fixed(mm, 2));
-    let hidden = stated.and_then(|found| found.hidden_step_mm);
-    let hidden = hidden.map_or_else(String::new, |mm| format!("{} of a step within the noise", fixed(mm, 2)));
+    let of = |mm: Option<f64>, what: &str| mm.map(|mm| format!("{} {what}", fixed(mm, 2)));
+    let across = of(stated.and_then(|found| found.step_across_mm), "across the base, step of 1 mm");
+    let hidden = of(stated.and_then(|found| found.hidden_step_mm), "of a step within the noise");
+    let others: Vec<String> = across.into_iter().chain(hidden).collect();
     vec![
         Cell::plain("Resolution"),
         Cell::plain("lateral resolution").with_detail(&definition),
-        Cell::bold(length(stated.map(|found| found.step_mm)), Tone::Ink).with_detail(&hidden),
+        Cell::bold(length(stated.map(|found| found.step_mm)), Tone::Ink).with_detail(&others.join("; ")),
         Cell::plain(""),
         Cell::plain(NONE),
         Cell::plain(NONE),

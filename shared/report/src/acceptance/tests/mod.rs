@@ -48,8 +48,9 @@ fn the_lateral_resolution_stands_below_the_probing_form() {
         (cells[1].detail.clone(), cells[2].text.clone(), cells[2].detail.clone())
     };
     let mut report = report();
-    let (definition, step, hidden) = row(&report);
-    assert_eq!((step.as_str(), hidden.as_str()), ("0.36", "0.46 of a step within the noise"));
+    let (definition, step, others) = row(&report);
+    let stated = "0.46 across the base, step of 1 mm; 0.46 of a step within the noise";
+    assert_eq!((step.as_str(), others.as_str()), ("0.36", stated));
     assert!(definition.contains("computed"), "{definition}");
     report.lateral_resolution = None;
     assert!(row(&report).0.starts_with("not stated"));

@@ -82,6 +82,15 @@ pub(super) fn artefacts() -> Vec<ArtefactRecord> {
 }
 
 /// A test as the twin gives it.
+fn resolution() -> LateralResolution {
+    LateralResolution {
+        step_mm: 0.358,
+        step_across_mm: Some(0.463),
+        hidden_step_mm: Some(0.457),
+        source: "computed".into(),
+    }
+}
+
 pub(super) fn report() -> TestReport {
     let sphere = |values: &[f64]| positions("sphere", values, 5);
     let characteristics = vec![
@@ -132,11 +141,7 @@ pub(super) fn report() -> TestReport {
             ("Rig file (SHA-256)".into(), "7d0a5f3bb2c96a9d41c2".into()),
             ("Software".into(), "fringecell 0.1.0".into()),
         ],
-        lateral_resolution: Some(LateralResolution {
-            step_mm: 0.358,
-            hidden_step_mm: Some(0.457),
-            source: "computed".into(),
-        }),
+        lateral_resolution: Some(resolution()),
         sensor_volume: Volume::new([150.0, 120.0, 80.0]),
         total_volume: Volume::new([150.0, 120.0, 100.0]),
         artefacts: artefacts(),
