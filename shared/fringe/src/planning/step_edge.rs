@@ -29,6 +29,8 @@ const LEAST_PX: f64 = 0.1;
 const MORE_PX: f64 = 3.0;
 /// A wall or a hidden floor wider than this is seen as a face of its own, px.
 const MOST_PX: f64 = 40.0;
+/// A view with a larger footprint is not followed, px: it would take long, and no step of such a view is sharp.
+const MOST_FOOTPRINT_PX: f64 = 5.0;
 /// The step may move fringes by so much of a period: about half of it, the phase of a pixel that sees both faces means nothing.
 const MOST_TURNS: f64 = 0.4;
 /// A period beside which every step is small, px.
@@ -64,7 +66,7 @@ impl Crossing {
 
     /// Width from 10 to 90 % of a step of this height, px: the greater of both edges, that which the first view sees from above and that which it sees
     /// the wall of. `None` where the response does not go from the one to the other, where wall or hidden floor are wider than 40 px (such an edge is
-    /// no detail), and where the step moves the fringes by more than 0.4 of a period.
+    /// no detail), where the footprint is wider than 5 px, and where the step moves the fringes by more than 0.4 of a period.
     pub fn width_px(&self, seen: &Seen, height_px: f64) -> Option<f64> {
         let other_edge = Self { tangents: self.tangents.map(|tangent| -tangent), ..*self };
         Some(self.edge_px(seen, height_px)?.max(other_edge.edge_px(seen, height_px)?))
@@ -78,10 +80,10 @@ impl Crossing {
         let period_px = self.period_px.unwrap_or(LONG_PX);
         // Not a number is not within them either.
         let usable = height_px > 0.0 && moved <= MOST_PX && turned <= MOST_TURNS * period_px;
-        if apart.abs() < 1e-6 || !usable {
+        let footprint_px = seen.footprint_px.max(LEAST_PX);
+        if apart.abs() < 1e-6 || !usable || footprint_px > MOST_FOOTPRINT_PX {
             return None;
         }
-        let footprint_px = seen.footprint_px.max(LEAST_PX);
         let reach = ((FOOTPRINTS * footprint_px + MORE_PX + moved) * f64::from(GRID)) as i32;
         let view =
             |tangent| View::new(self, [tangent, height_px], [footprint_px, period_px], reach + 3 * GRID);
@@ -242,6 +244,8 @@ mod tests {
         for height_px in [f64::NAN, 0.0, 1e9, -1.0] {
             assert_eq!(demo(None).width_px(&PAIR, height_px), None, "{height_px}");
         }
+        let blurred = Seen { footprint_px: 100.0, ..PAIR };
+        assert_eq!(demo(None).width_px(&blurred, HEIGHT_PX), None);
         assert_eq!(demo(Some(1.5)).width_px(&PAIR, HEIGHT_PX), None, "nearly half a period");
     }
 }
