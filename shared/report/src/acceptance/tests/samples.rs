@@ -81,7 +81,6 @@ pub(super) fn artefacts() -> Vec<ArtefactRecord> {
     ]
 }
 
-/// A test as the twin gives it.
 fn resolution() -> LateralResolution {
     LateralResolution {
         step_mm: 0.358,
@@ -91,6 +90,7 @@ fn resolution() -> LateralResolution {
     }
 }
 
+/// A test as the twin gives it.
 pub(super) fn report() -> TestReport {
     let sphere = |values: &[f64]| positions("sphere", values, 5);
     let characteristics = vec![
