@@ -1,11 +1,11 @@
 //! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
+use super::between_steps::between_steps;
 use super::borders::Borders;
 use super::code_frames::{Levels, code_frames};
 use super::dirt::code::{CodeFrame, CodeVerdict};
 use super::dirt::{self, Look, Samples};
 use super::micro::Micro;
-use super::motion;
 use super::neighbour_noise::{Places, sample_code, sample_map, sample_phase};
 use super::noise_estimate::Probe;
 use super::noise_line::QUANTISATION_DN2;
@@ -86,7 +86,7 @@ impl Decoder {
         }
     }
 
-    /// Looks for frames of a complete sine set that do not show what the others show, and for motion where there are none.
+    /// Looks for frames of a complete sine set that do not show what the others show, and for motion.
     pub(super) fn inspect(&mut self, slot: usize) {
         let least_modulation_dn = self.least_modulation_dn();
         let axis = self.axes.iter_mut().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
@@ -105,8 +105,9 @@ impl Decoder {
         if let Some(repair) = dirt::inspect(&samples) {
             self.sums[slot].refit(&repair.fit);
             self.findings[slot] = repair.findings;
+            self.motions[slot] = repair.motion;
         } else {
-            self.motions[slot] = motion::between_steps(&samples);
+            self.motions[slot] = between_steps(&samples);
         }
     }
 

@@ -32,6 +32,7 @@
 mod apply_neighbours;
 pub mod arctan;
 mod axis_noise;
+mod between_steps;
 mod bits;
 mod block;
 mod blocks;

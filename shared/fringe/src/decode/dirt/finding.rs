@@ -16,6 +16,8 @@ pub enum Fault {
     Blurred(f64),
     /// The fringes of one frame stand beside where they should, rad.
     Moved(f64),
+    /// The fringes of all frames stand beside where they should: standard deviation, rad.
+    Unsteady(f64),
     /// One frame shows something else in places.
     Strange,
     /// A frame of a code shows something else at this share of the pixels, and what it should at the others.
@@ -39,6 +41,8 @@ pub enum Remedy {
     LeftOut,
     /// Level and contrast are those of the other frames.
     Normalised,
+    /// Decoded by the steps that the fringes had.
+    StepsAsFound,
     /// The inverse frame stands for it.
     Inverse,
     /// Another frame shows what it should, and was taken.
@@ -58,6 +62,7 @@ impl fmt::Display for Remedy {
         f.write_str(match self {
             Self::LeftOut => "left out",
             Self::Normalised => "normalised",
+            Self::StepsAsFound => "decoded where they stood",
             Self::Inverse => "its inverse is used",
             Self::OtherFrame => "taken from where it is",
             Self::MovedBack => "moved back",
@@ -88,7 +93,7 @@ impl Finding {
             Fault::Flicker(_) => "flicker",
             Fault::Black => "black",
             Fault::Blurred(_) => "blurred",
-            Fault::Moved(_) => "moved",
+            Fault::Moved(_) | Fault::Unsteady(_) => "moved",
             Fault::Strange | Fault::Covered(_) => "strange",
             Fault::Level(_) => "level",
             Fault::Shifted(_) | Fault::Displaced(..) => "shifted",
@@ -105,6 +110,7 @@ impl Fault {
             Self::Flicker(size)
             | Self::Blurred(size)
             | Self::Moved(size)
+            | Self::Unsteady(size)
             | Self::Level(size)
             | Self::Shifted(size)
             | Self::Covered(size) => *size,
@@ -127,6 +133,11 @@ impl fmt::Display for Fault {
             Self::Moved(rad) => write!(
                 f,
                 "stands {:.0} degrees beside its step (shifted, or another pattern)",
+                rad.to_degrees()
+            ),
+            Self::Unsteady(rad) => write!(
+                f,
+                "the fringes move between frames by {:.0} degrees (standard deviation; part, camera or projector)",
                 rad.to_degrees()
             ),
             Self::Strange => f.write_str("shows something else than the others in places"),
@@ -161,14 +172,15 @@ impl fmt::Display for Fault {
 impl Finding {
     /// Whether the other frames of a set of so many do not determine the phase.
     pub fn is_fatal(&self, steps: usize) -> bool {
-        !matches!(self.fault, Fault::Flicker(_)) && (steps < LEAST_STEPS || self.step.is_none())
+        !matches!(self.fault, Fault::Flicker(_) | Fault::Unsteady(_))
+            && (steps < LEAST_STEPS || self.step.is_none())
     }
 
     /// The frame or frames in words, counted from 1.
     pub fn place(&self) -> String {
         match (self.step, self.fault) {
             (Some(step), _) => format!("frame {} of set {}", step + 1, self.set + 1),
-            (None, Fault::Flicker(_)) => format!("set {}:", self.set + 1),
+            (None, Fault::Flicker(_) | Fault::Unsteady(_)) => format!("set {}:", self.set + 1),
             (None, _) => format!("a frame of set {}", self.set + 1),
         }
     }

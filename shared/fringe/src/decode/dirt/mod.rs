@@ -8,7 +8,7 @@
 //! What a cos δ or sin δ in the level does cannot be seen in one pixel: it looks like a fringe. But it is one that stands still while the phase runs
 //! on: the modulation then varies once with the phase. Where there are too few fringes to see that, it is left alone.
 //!
-//! A changing light is normalised: the columns found replace the nominal ones. A bad frame is left out where three remain; with more than one in
+//! A changing light is normalised: the columns found replace the nominal ones; so are the steps where the fringes moved (`moved_steps`). A bad frame is left out where three remain; with more than one in
 //! eight the frames do not follow the sequence, and nothing is changed. Of three or four frames a pixel alone does not tell which one is bad;
 //! there whole fringes tell it (`moments`).
 
@@ -16,13 +16,16 @@ pub mod code;
 mod columns;
 pub mod finding;
 mod moments;
+mod moved_steps;
 mod rows;
 mod samples;
 mod subspace;
 
+use super::motion::StepMotion;
 use crate::wrapped::LeastSquares;
 use columns::nominal_columns;
 pub use finding::{Fault, Finding, Remedy};
+use moved_steps::MovedSteps;
 use rows::fit;
 pub(super) use samples::{Look, Samples};
 
@@ -30,11 +33,13 @@ pub(super) use samples::{Look, Samples};
 const BAD_FRAMES: usize = 8;
 /// How a set with faults is decoded.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Repair {
+pub(super) struct Repair {
     /// The faults, in the order of the frames.
     pub findings: Vec<Finding>,
     /// Weights of all frames; zero for those left out.
     pub fit: LeastSquares,
+    /// How the fringes moved during the set, where the faults let it be seen.
+    pub motion: Option<StepMotion>,
 }
 
 /// Looks for faults in the frames of a complete set; `None` where there are none, or too many to do without.
@@ -42,20 +47,28 @@ pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
     let (plan, steps) = (samples.plan(), samples.steps());
     let nominal = nominal_columns(plan);
     let found = |step: Option<usize>, fault| {
-        let remedy = if step.is_some() { Remedy::LeftOut } else { Remedy::Normalised };
+        let remedy = match (step, fault) {
+            (Some(_), _) => Remedy::LeftOut,
+            (None, Fault::Unsteady(_)) => Remedy::StepsAsFound,
+            (None, _) => Remedy::Normalised,
+        };
         Finding { set: plan.index, step, fault, remedy }
     };
     let without = |findings: Vec<Finding>| {
         let bad =
             |step: usize| findings.iter().any(|found| found.step == Some(step) && !found.is_fatal(steps));
-        Some(Repair { fit: fit(&nominal, steps, bad)?, findings })
+        Some(Repair { fit: fit(&nominal, steps, bad)?, findings, motion: None })
+    };
+    let unsteady = |moved: &MovedSteps| {
+        let findings = vec![found(None, Fault::Unsteady(moved.deviation_rad))];
+        Some(Repair { fit: fit(&moved.columns, steps, |_| false)?, findings, motion: Some(moved.motion) })
     };
     if steps <= moments::MOST_STEPS
         && let Some((step, fault)) = moments::wrong_frame(samples)
     {
         return without(vec![found(step, fault)]);
     }
-    let mut rows = samples.rows()?;
+    let rows = samples.rows()?;
     if steps > moments::MOST_STEPS {
         let faults = rows.frames().iter().enumerate().filter_map(|(step, row)| Some((step, row.fault()?)));
         let findings: Vec<Finding> = faults.map(|(step, fault)| found(Some(step), fault)).collect();
@@ -63,9 +76,18 @@ pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
             return None;
         }
         if !findings.is_empty() {
-            return without(findings);
+            let is_left_out = |step: usize| findings.iter().any(|found| found.step == Some(step));
+            return match samples.moved_instead(&rows, rows.excess_without(is_left_out)) {
+                Some(moved) => unsteady(&moved),
+                None => without(findings),
+            };
         }
     }
-    let fault = Fault::Flicker(samples.changing_light(&mut rows)?);
-    Some(Repair { fit: fit(&rows.columns, steps, |_| false)?, findings: vec![found(None, fault)] })
+    let light = samples.changing_light(&rows)?;
+    if let Some(moved) = samples.moved_instead(&rows, rows.excess(&light.columns)) {
+        return unsteady(&moved);
+    }
+    let motion = samples.moved_beside(&rows, rows.unexplained(&light.columns)).map(|moved| moved.motion);
+    let findings = vec![found(None, Fault::Flicker(light.deviation))];
+    Some(Repair { fit: fit(&light.columns, steps, |_| false)?, findings, motion })
 }

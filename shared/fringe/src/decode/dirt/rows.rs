@@ -55,6 +55,8 @@ impl FrameRow {
 pub(super) struct Rows {
     pub(super) steps: usize,
     pub(super) nominal: [Column; 3],
+    /// Orthonormal columns that span what all pixels share.
+    pub(super) basis: [Column; 3],
     pub(super) columns: [Column; 3],
     pub(super) frames: [FrameRow; MAX_STEPS],
     /// Σ over the pixels of the products of two frames.

@@ -80,6 +80,11 @@ impl<'a> Samples<'a> {
         self.plan.steps as usize
     }
 
+    /// Number of the pixels.
+    pub(super) fn count(&self) -> usize {
+        self.chosen.len()
+    }
+
     /// How the set is decoded.
     pub(in crate::decode) fn plan(&self) -> &'a SinePlan {
         self.plan

@@ -36,6 +36,14 @@ const STANDING: f64 = 0.01;
 /// Bins of residuals, eight to the octave, from 2⁻¹² of the level on.
 const BINS: usize = 128;
 
+/// A light that changes from frame to frame.
+pub(super) struct ChangingLight {
+    /// The columns under it.
+    pub columns: [Column; 3],
+    /// Standard deviation of its levels over their mean.
+    pub deviation: f64,
+}
+
 /// Pixels of one phase in a tile: how many, and sums of r = √(C² + S²)/A and of the phase's direction.
 #[derive(Clone, Copy, Default)]
 struct Bin {
@@ -95,12 +103,11 @@ impl Samples<'_> {
         for (frame, row) in frames[..steps].iter_mut().enumerate() {
             *row = self.frame_row(&others.0, frame, &left);
         }
-        Some(Rows { steps, nominal, columns, frames, power })
+        Some(Rows { steps, nominal, basis, columns, frames, power })
     }
 
-    /// Replaces the columns by those of a light that changes from frame to frame; the standard deviation of its levels, or `None` where it
-    /// does not change.
-    pub(super) fn changing_light(&self, rows: &mut Rows) -> Option<f64> {
+    /// The light that changes from frame to frame; `None` where it does not.
+    pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
         let Rows { nominal, columns, .. } = rows;
         let steps = self.steps();
         let added = [columns[0], nominal[1], nominal[2]];
@@ -127,9 +134,8 @@ impl Samples<'_> {
                 best = (scaled, factors);
             }
         }
-        rows.columns = best.0;
         let variance = best.1[..steps].iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
-        Some((variance / (steps as f64 - 1.0)).sqrt())
+        Some(ChangingLight { columns: best.0, deviation: (variance / (steps as f64 - 1.0)).sqrt() })
     }
 
     /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos
@@ -272,7 +278,7 @@ fn octant(c: f64, s: f64) -> usize {
 }
 
 /// The columns that a basis spans, as near to the nominal ones as possible over all frames but one.
-fn nearest(
+pub(super) fn nearest(
     basis: &[Column; 3],
     nominal: &[Column; 3],
     steps: usize,

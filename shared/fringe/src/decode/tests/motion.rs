@@ -1,14 +1,77 @@
 //! Motion between frames: found where there is one, with its size; not where there is none, whatever the projector and the light do.
 
-use super::super::{DecodeSettings, Decoder, Motion};
+use super::super::dirt::{Fault, Finding, Remedy};
+use super::super::{DecodeError, DecodeReport, DecodeSettings, Decoder, Motion};
 use crate::frame::FrameView;
 use crate::math::{cos, pow};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::PhaseMap;
 use crate::synthetic::Noise;
+use std::f64::consts::TAU;
 
 const SIZE: [usize; 2] = [320, 200];
 const STEPS: usize = 10;
+
+/// What the frames of a set and a code show.
+struct Shown<'a> {
+    /// Steps of the set.
+    steps: usize,
+    /// How far the fringes of a frame stand beside their place, rad.
+    shift: &'a dyn Fn(usize) -> f64,
+    /// What the projector makes of a level from 0 to 1.
+    response: &'a dyn Fn(f64) -> f64,
+    /// Light of a frame.
+    light: &'a dyn Fn(usize) -> f64,
+    /// Light of the room beside it, DN.
+    room: &'a dyn Fn(usize) -> f64,
+}
+
+const AT_REST: Shown<'static> =
+    Shown { steps: STEPS, shift: &|_| 0.0, response: &|level| level, light: &|_| 1.0, room: &|_| 0.0 };
+
+impl Shown<'_> {
+    /// The report of a decoder, and the root mean square by which its phases differ from those of the fringes' mean place, rad.
+    fn decoded(&self) -> Result<(DecodeReport, f64), DecodeError> {
+        let sequence =
+            [PatternSet::sine(Axis::X, 16.0, self.steps as u32), PatternSet::gray(Axis::X, 6, 8.0)];
+        let [width, height] = SIZE;
+        let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
+        let mut decoder =
+            Decoder::new(&sequence, width as u32, height as u32, 255, [320, 200], &settings).unwrap();
+        let mut noise = Noise(3);
+        let coordinate = |index: usize| (index % width) as f64 + 0.02 * (index / width) as f64;
+        for frame in 0..decoder.frames() {
+            let value = |index: usize| {
+                let x = coordinate(index);
+                let level = if frame < self.steps {
+                    let step = TAU * frame as f64 / self.steps as f64;
+                    0.5 + 0.5 * cos(TAU * x / 16.0 - step + (self.shift)(frame))
+                } else {
+                    let bit = frame - self.steps;
+                    let stripe = ((x + 0.5) / 8.0).floor() as u32;
+                    f64::from(((stripe ^ (stripe >> 1)) >> (5 - bit)) & 1)
+                };
+                let light = 20.0 + 160.0 * (self.response)(level);
+                ((self.light)(frame) * light + (self.room)(frame) + 1.5 * noise.gauss())
+                    .round()
+                    .clamp(0.0, 255.0) as u8
+            };
+            let bytes: Vec<u8> = (0..width * height).map(value).collect();
+            let view = FrameView::from_bytes(width as u32, height as u32, 255, &bytes).unwrap();
+            decoder.push(frame, &view).unwrap();
+        }
+        let mut map = PhaseMap::new(decoder.info(Axis::X).unwrap());
+        let report = decoder.finish(Axis::X, &mut map.view_mut())?;
+        let mean = (0..self.steps).map(|frame| (self.shift)(frame)).sum::<f64>() / self.steps as f64;
+        let valid = (0..map.valid.len()).filter(|index| map.valid[*index] == 1);
+        let square = |index: usize| {
+            let off = f64::from(map.phase_rad[index]) - TAU * coordinate(index) / 16.0 - mean;
+            off * off
+        };
+        let squares = valid.clone().map(square).sum::<f64>();
+        Ok((report, (squares / valid.count() as f64).sqrt()))
+    }
+}
 
 /// The motion that a decoder reports of ten steps and a code, whose fringes stand `shift(frame)` rad beside their place.
 fn reported(
@@ -16,32 +79,8 @@ fn reported(
     response: impl Fn(f64) -> f64,
     light: impl Fn(usize) -> f64,
 ) -> Motion {
-    let sequence = [PatternSet::sine(Axis::X, 16.0, STEPS as u32), PatternSet::gray(Axis::X, 6, 8.0)];
-    let [width, height] = SIZE;
-    let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-    let mut decoder =
-        Decoder::new(&sequence, width as u32, height as u32, 255, [320, 200], &settings).unwrap();
-    let mut noise = Noise(3);
-    for frame in 0..decoder.frames() {
-        let value = |index: usize| {
-            let x = (index % width) as f64 + 0.02 * (index / width) as f64;
-            let level = if frame < STEPS {
-                let step = std::f64::consts::TAU * frame as f64 / STEPS as f64;
-                0.5 + 0.5 * cos(std::f64::consts::TAU * x / 16.0 - step + shift(frame))
-            } else {
-                let bit = frame - STEPS;
-                let stripe = ((x + 0.5) / 8.0).floor() as u32;
-                f64::from(((stripe ^ (stripe >> 1)) >> (5 - bit)) & 1)
-            };
-            (20.0 + 160.0 * light(frame) * response(level) + 1.5 * noise.gauss()).round().clamp(0.0, 255.0)
-                as u8
-        };
-        let bytes: Vec<u8> = (0..width * height).map(value).collect();
-        let view = FrameView::from_bytes(width as u32, height as u32, 255, &bytes).unwrap();
-        decoder.push(frame, &view).unwrap();
-    }
-    let mut map = PhaseMap::new(decoder.info(Axis::X).unwrap());
-    decoder.finish(Axis::X, &mut map.view_mut()).unwrap().motion.unwrap()
+    let shown = Shown { shift: &shift, response: &response, light: &light, ..AT_REST };
+    shown.decoded().unwrap().0.motion.unwrap()
 }
 
 #[test]
@@ -78,4 +117,85 @@ fn a_motion_within_the_uncertainty_is_stated_and_not_blamed() {
     assert!(small.warning("cam1").is_none());
     let large = reported(|frame| 0.004 * frame as f64, |level| level, |_| 1.0);
     assert!(large.warning("cam1").is_some_and(|text| text.contains("\"cam1\"") && text.contains("mrad")));
+}
+
+/// Root mean square about the mean.
+fn deviation(of: impl Fn(usize) -> f64, count: usize) -> f64 {
+    let mean = (0..count).map(&of).sum::<f64>() / count as f64;
+    ((0..count).map(|i| (of(i) - mean) * (of(i) - mean)).sum::<f64>() / count as f64).sqrt()
+}
+
+/// By a fifth to three quarters of a radian the nominal steps leave so much that it looks like a changing light.
+#[test]
+fn a_part_that_steps_by_a_good_part_of_a_fringe_moved_and_is_decoded_where_it_stood() {
+    for steps in [5, 6, 8, 10] {
+        for (from, size) in
+            [(1, 0.5), (steps / 2, 0.2), (steps / 2, 0.5), (steps / 2, -0.75), (steps - 2, 0.5)]
+        {
+            let shift = |frame: usize| if (from..steps).contains(&frame) { size } else { 0.0 };
+            let (report, off_rad) = match (Shown { steps, shift: &shift, ..AT_REST }).decoded() {
+                Ok(decoded) => decoded,
+                // Half of the frames stand so far off that they follow no sequence.
+                Err(DecodeError::Disorder { .. }) if size.abs() > 0.4 => continue,
+                Err(error) => panic!("{steps} steps, by {size} from {from} on: {error}"),
+            };
+            let (motion, rms) = (report.motion, deviation(shift, steps));
+            let case = format!(
+                "{steps} steps, by {size} from {from} on: {motion:?} of {rms}, {:?}",
+                report.findings
+            );
+            // A first or last frame that stands apart from all others is left out.
+            let left_out = matches!(
+                report.findings[..],
+                [Finding { fault: Fault::Moved(_), remedy: Remedy::LeftOut, .. }]
+            );
+            assert!(left_out == motion.is_none() && motion.is_none_or(|motion| motion.moved), "{case}");
+            assert!(report.findings.iter().all(|found| found.kind() == "moved"), "{case}");
+            if let [found] = report.findings[..]
+                && let Fault::Unsteady(found_rad) = found.fault
+            {
+                assert!(
+                    (found_rad / rms - 1.0).abs() < 0.05 && found.remedy == Remedy::StepsAsFound,
+                    "{case}"
+                );
+                assert!(off_rad < 0.03, "{off_rad} rad, {case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_light_that_changes_is_no_motion_and_hides_none() {
+    let changes = [0.3, -1.0, 0.6, 1.0, -0.8, 0.2, -0.5, 0.9, -0.9, 0.2];
+    let step = |frame: usize| if (5..STEPS).contains(&frame) { 0.4 } else { 0.0 };
+    for size in [0.06, 0.1, 0.15] {
+        let of = |frame: usize| size * changes.get(frame).unwrap_or(&0.0);
+        let scaled: &dyn Fn(usize) -> f64 = &|frame| 1.0 + of(frame);
+        let added: &dyn Fn(usize) -> f64 = &|frame| 100.0 * of(frame);
+        for (light, room) in [(scaled, AT_REST.room), (AT_REST.light, added)] {
+            let told =
+                |shift: &dyn Fn(usize) -> f64| Shown { shift, light, room, ..AT_REST }.decoded().unwrap().0;
+            let still = told(AT_REST.shift);
+            assert!(
+                matches!(still.findings[..], [ref found] if found.kind() == "flicker"),
+                "{:?}",
+                still.findings
+            );
+            assert!(still.motion.is_some_and(|motion| !motion.moved), "{size}: {:?}", still.motion);
+            let moved = told(&step);
+            assert!(
+                moved.motion.is_some_and(|motion| motion.moved),
+                "{size}: {:?}, {:?}",
+                moved.motion,
+                moved.findings
+            );
+        }
+    }
+    // A light whose changes look like a fringe that stands still.
+    for size_dn in [6.0, 12.0] {
+        let room = |frame: usize| size_dn * cos(TAU * frame as f64 / 10.0 + 1.0);
+        let (still, _) = Shown { room: &room, ..AT_REST }.decoded().unwrap();
+        assert!(still.findings.iter().all(|found| found.kind() == "flicker"), "{:?}", still.findings);
+        assert!(still.motion.is_none_or(|motion| !motion.moved), "{size_dn}: {:?}", still.motion);
+    }
 }
