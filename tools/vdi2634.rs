@@ -12,7 +12,7 @@ use files::hash::sha256_hex;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
-use fringe::pattern::PatternSet;
+use fringe::pattern::{Axis, PatternSet};
 use fringe::planning::geometry::middle_mm;
 use fringe::planning::resolution::Seen;
 use fringe::planning::step_edge::Crossing;
@@ -199,15 +199,19 @@ fn state_own_rules(report: &mut TestReport, sha256: &str) {
     report.conditions.push(("rule set file".into(), format!("sha256 {sha256}")));
 }
 
-/// Period of the finest fringes that a projector shows in a recording, projector pixels.
+/// Period of the finest fringes across the columns that a projector shows in a recording, else across its rows, projector pixels.
 fn finest_px(recording: &Recording, projector: &str) -> Option<f64> {
     let sequence = &recording.projector(projector)?.sequence;
-    let periods = sequence.iter().filter_map(|set| match set {
+    let period = |set: &PatternSet| match set {
         PatternSet::Sine { period_px, .. } => Some(*period_px),
         PatternSet::Micro { periods_px, .. } => periods_px.iter().copied().min_by(f64::total_cmp),
         _ => None,
-    });
-    periods.min_by(f64::total_cmp)
+    };
+    let finest = |axis| {
+        let sets = sequence.iter().filter(|set| set.axis() == Some(axis));
+        sets.filter_map(period).min_by(f64::total_cmp)
+    };
+    finest(Axis::X).or_else(|| finest(Axis::Y))
 }
 
 /// Where clouds come from.

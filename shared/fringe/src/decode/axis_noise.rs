@@ -4,7 +4,7 @@ use super::between_steps::between_steps;
 use super::borders::Borders;
 use super::code_frames::{Levels, code_frames};
 use super::dirt::code::{CodeFrame, CodeVerdict};
-use super::dirt::{self, Look, Samples};
+use super::dirt::{self, Look, Samples, Steadied};
 use super::micro::Micro;
 use super::neighbour_noise::{Places, sample_code, sample_map, sample_phase};
 use super::noise_estimate::Probe;
@@ -107,7 +107,7 @@ impl Decoder {
             self.findings[slot] = repair.findings;
             self.motions[slot] = repair.motion;
         } else {
-            self.motions[slot] = between_steps(&samples);
+            self.motions[slot] = between_steps(&samples, &Steadied::NOTHING);
         }
     }
 

@@ -15,7 +15,7 @@
 #![allow(clippy::large_stack_arrays)]
 
 use super::arctan::angle_positive_rad;
-use super::dirt::Samples;
+use super::dirt::{Samples, Steadied};
 use super::limits::MAX_STEPS;
 use super::motion::{LEAST_STEPS, StepMotion};
 use super::roles::SinePlan;
@@ -36,8 +36,8 @@ type Steps = [f64; MAX_STEPS];
 /// Sines and cosines of the steps.
 type Units = [(f64, f64); MAX_STEPS];
 
-/// The motion that the frames of a complete set show; `None` where they do not tell.
-pub(super) fn between_steps(samples: &Samples) -> Option<StepMotion> {
+/// The motion that the frames of a complete set show without the changes of the light that were found; `None` where they do not tell.
+pub(super) fn between_steps(samples: &Samples, light: &Steadied) -> Option<StepMotion> {
     let plan = samples.plan();
     let steps = plan.steps as usize;
     if !plan.even || !(LEAST_STEPS..=MAX_STEPS).contains(&steps) {
@@ -48,43 +48,46 @@ pub(super) fn between_steps(samples: &Samples) -> Option<StepMotion> {
         *unit = sincos(*shift);
     }
     let mut counts = [0.0; BINS];
-    vectorised!(samples.level(), count(samples, &unit, &mut counts));
+    vectorised!(samples.level(), count(samples, light, &unit, &mut counts));
     if counts.iter().any(|count| *count < LEAST_IN_BIN) {
         return None;
     }
     let mean = counts.iter().sum::<f64>() / BINS as f64;
     let weights = counts.map(|count| mean / count);
     let mut sums = LaneSums::ZERO;
-    vectorised!(samples.level(), sums.fill(samples, &unit, &weights));
-    sums.joined().solve(plan)
+    vectorised!(samples.level(), sums.fill(samples, light, (&unit, &weights)));
+    Some(sums.joined().solve(plan)?.beside_light(light.left, steps))
 }
 
 /// Counts the pixels by their phase.
 #[inline(always)]
-fn count(samples: &Samples, unit: &Units, counts: &mut [f64; BINS]) {
+fn count(samples: &Samples, light: &Steadied, unit: &Units, counts: &mut [f64; BINS]) {
+    let mut steady = [[0.0; SIDE]; MAX_STEPS];
     for (chosen, mean_dn, rows) in samples.groups() {
-        let (c, s) = fringe(mean_dn, rows, unit);
+        let [_, c, s] = fringe(mean_dn, light.steady(rows, &mut steady), unit);
         for bin in &bins(&c, &s)[..chosen.len()] {
             counts[*bin as usize] += 1.0;
         }
     }
 }
 
-/// B cos φ and B sin φ of a group of pixels, DN.
+/// A, B cos φ and B sin φ of a group of pixels, DN.
 #[inline(always)]
-fn fringe(mean_dn: &Side, rows: &[Side], unit: &Units) -> (Side, Side) {
-    let (mut c, mut s) = ([0.0; SIDE], [0.0; SIDE]);
+fn fringe(mean_dn: &Side, rows: &[Side], unit: &Units) -> [Side; 3] {
+    let (mut a, mut c, mut s) = ([0.0; SIDE], [0.0; SIDE], [0.0; SIDE]);
     for (values, (sin, cos)) in rows.iter().zip(unit) {
         for l in 0..SIDE {
+            a[l] += values[l];
             c[l] += values[l] * cos;
             s[l] += values[l] * sin;
         }
     }
-    let scale = 2.0 / rows.len() as f64;
+    let each = 1.0 / rows.len() as f64;
     for l in 0..SIDE {
-        (c[l], s[l]) = (scale * mean_dn[l] * c[l], scale * mean_dn[l] * s[l]);
+        let scale = each * mean_dn[l];
+        (a[l], c[l], s[l]) = (scale * a[l], 2.0 * scale * c[l], 2.0 * scale * s[l]);
     }
-    (c, s)
+    [a, c, s]
 }
 
 /// Bins of the phases of a group.
@@ -120,9 +123,11 @@ impl LaneSums {
 
     /// Adds all pixels, each by the weight of its bin.
     #[inline(always)]
-    fn fill(&mut self, samples: &Samples, unit: &Units, weights: &[f64; BINS]) {
-        for (chosen, a, rows) in samples.groups() {
-            let (c, s) = fringe(a, rows, unit);
+    fn fill(&mut self, samples: &Samples, light: &Steadied, (unit, weights): (&Units, &[f64; BINS])) {
+        let mut steady = [[0.0; SIDE]; MAX_STEPS];
+        for (chosen, mean_dn, rows) in samples.groups() {
+            let rows = light.steady(rows, &mut steady);
+            let [a, c, s] = fringe(mean_dn, rows, unit);
             let mut weight = [0.0; SIDE];
             for (weight, bin) in weight.iter_mut().zip(&bins(&c, &s)[..chosen.len()]) {
                 *weight = weights[*bin as usize];
@@ -141,7 +146,7 @@ impl LaneSums {
             for ((values, (sin, cos)), (right, light)) in steps {
                 for l in 0..SIDE {
                     let told = a[l] + c[l] * cos + s[l] * sin;
-                    let rest = values[l] * a[l] - told;
+                    let rest = values[l] * mean_dn[l] - told;
                     right[l] -= weight[l] * (s[l] * cos - c[l] * sin) * rest;
                     light[l] += weight[l] * told * rest;
                     self.squares[l] += weight[l] * rest * rest;

@@ -55,6 +55,16 @@ impl StepMotion {
         let u_per_frame_rad = (by_noise_rad * by_noise_rad + rounded * rounded).sqrt();
         Self { rms_rad, certain: is_certain(explained, freedom as f64), per_frame_rad, u_per_frame_rad }
     }
+
+    /// The same where changes of the light of this size, over the level, may be left in the frames: each shifts the fringes of its frame by as much at most.
+    pub(super) fn beside_light(self, left: f64, steps: usize) -> Self {
+        let span = sum_of_squares(steps);
+        Self {
+            rms_rad: (self.rms_rad * self.rms_rad - left * left).max(0.0).sqrt(),
+            u_per_frame_rad: (self.u_per_frame_rad * self.u_per_frame_rad + left * left / span).sqrt(),
+            ..self
+        }
+    }
 }
 
 /// Whether what explains so many times the variance of the noise is more than noise with this freedom.
@@ -109,7 +119,12 @@ impl Decoder {
 /// What the rounding of the pattern to eight bits does to a steady drift, standard deviation, rad per frame: each frame has the errors of
 /// the columns of one period, which move its fringes alike in all pixels.
 fn rounded_rad(period_px: f64, steps: usize) -> f64 {
-    let n = steps as f64;
     let of_a_frame = ROUNDED * (2.0 / period_px.max(1.0)).sqrt();
-    of_a_frame / (n * (n * n - 1.0) / 12.0).sqrt()
+    of_a_frame / sum_of_squares(steps).sqrt()
+}
+
+/// Of the numbers of so many frames about their mean.
+fn sum_of_squares(steps: usize) -> f64 {
+    let n = steps as f64;
+    n * (n * n - 1.0) / 12.0
 }

@@ -87,9 +87,11 @@ impl Crossing {
         let reach = ((FOOTPRINTS * footprint_px + MORE_PX + moved) * f64::from(GRID)) as i32;
         let view =
             |tangent| View::new(self, [tangent, height_px], [footprint_px, period_px], reach + 3 * GRID);
-        let (own, other) = (view(first), view(second));
+        let own = view(first);
         let places = || (-reach..=reach).map(|i| f64::from(i) / f64::from(GRID));
+        // A projector is not read between pixels.
         let read: Vec<(f64, f64)> = if seen.matched {
+            let other = view(second);
             places().map(|place| (place, read_between(|at| other.at(at), place))).collect()
         } else {
             Vec::new()

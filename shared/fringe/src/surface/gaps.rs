@@ -54,20 +54,21 @@ pub(super) fn mark_row<T: Value>(
     line: &mut [u8],
     joined: &impl Fn(usize, usize, usize) -> bool,
 ) {
-    let rows = row.saturating_sub(GAP_PX)..(row + GAP_PX + 1).min(height);
+    let (above, below) = (row.saturating_sub(GAP_PX)..row, row + 1..(row + 1 + GAP_PX).min(height));
     for (group, marks) in line.chunks_mut(GROUP).enumerate() {
         let first = group * GROUP;
-        let places = first.saturating_sub(GAP_PX)..(first + marks.len() + GAP_PX).min(width);
         marks.fill(0);
-        let own = &values[row * width + first..][..marks.len()];
-        // Most groups are of one kind, and so are their surroundings.
-        if own.iter().fold(true, |all, value| all & value.is_there()) {
-            continue;
+        let (mut all, mut any) = (true, false);
+        for value in &values[row * width + first..][..marks.len()] {
+            all &= value.is_there();
+            any |= value.is_there();
         }
-        let beside = |r: usize| {
-            values[r * width..][places.clone()].iter().fold(false, |any, value| any | value.is_there())
+        // Most groups are of one kind. One without a value is wider than a gap, or ends with the picture: only what stands above and below it counts.
+        let shows = |r: usize| {
+            let values = &values[r * width + first..][..marks.len()];
+            values.iter().fold(false, |any, value| any | value.is_there())
         };
-        if !rows.clone().any(beside) {
+        if all || (!any && !(below.clone().any(shows) && above.clone().any(shows))) {
             continue;
         }
         for (offset, mark) in marks.iter_mut().enumerate() {
@@ -113,5 +114,46 @@ impl Value for f64 {
     #[inline(always)]
     fn is_there(self) -> bool {
         !self.is_nan()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::random::Key;
+
+    /// Whole groups are passed over by what they and their surroundings are: the same as pixel by pixel.
+    #[test]
+    fn groups_are_passed_over_only_where_no_pixel_is_in_a_gap() {
+        let key = Key::new(5);
+        for (case, (width, height)) in [(1, 9), (15, 9), (17, 12), (33, 20), (67, 24)].into_iter().enumerate()
+        {
+            for missing in [0.02, 0.2, 0.5, 0.9, 0.98] {
+                // Alone, and in blocks of 5 × 3 pixels.
+                for [wide, high] in [[1, 1], [5, 3]] {
+                    let value = |pixel: usize| {
+                        let block = pixel % width / wide + 1000 * (pixel / width / high);
+                        let share = key.open((case * 1_000_000 + block) as u64);
+                        if share < missing { f32::NAN } else { (1.0 + 0.1 * share) as f32 }
+                    };
+                    let values: Vec<f32> = (0..width * height).map(value).collect();
+                    let joined = |a: usize, b: usize, distance: usize| {
+                        (values[a] - values[b]).abs() <= 0.02 * distance as f32
+                    };
+                    let mut line = vec![7; width];
+                    for row in 0..height {
+                        mark_row((width, height), &values, row, &mut line, &joined);
+                        for (column, mark) in line.iter().enumerate() {
+                            let in_gap = in_gap((width, height), &values, (column, row), &joined);
+                            assert_eq!(
+                                *mark,
+                                u8::from(in_gap),
+                                "{width} × {height}, {missing}: {column}, {row}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
     }
 }

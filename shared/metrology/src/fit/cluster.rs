@@ -4,6 +4,9 @@
 //! millimetres: n points carry less than n points' worth of information. Sums of the scores Jᵀr over cells keep what
 //! is correlated inside a cell: C = A⁻¹ (Σ_cells s sᵀ) A⁻¹ with A = JᵀJ (Liang & Zeger 1986, the sandwich), times
 //! G/(G − 1) · (n − 1)/(n − p) for few cells.
+//!
+//! The scatter of few points is itself uncertain. A standard uncertainty u is stated so that ± 2 u holds 95.45 % all the same: the scatter times t(n − p)
+//! over that of a normal distribution (GUM G.3), which is 1.25 for six degrees of freedom and 1.003 for four hundred.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
@@ -13,9 +16,13 @@ use super::cells::Cubes;
 use super::correlation::estimate;
 use super::solve::deviations;
 use super::{Correlation, FitError, FitSettings, shared};
+use crate::uncertainty::student::coverage_factor;
 
 /// Fewest cells for the sandwich estimator: with G cells its own relative error is about 1/√(2 G).
 pub(crate) const FEWEST_CELLS: usize = 20;
+
+/// Probability that a normal distribution gives to ± 2 u.
+const TWO_U: f64 = 0.954_499_736_103_641_6;
 
 /// What stated uncertainties rest on.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -66,7 +73,7 @@ fn of_noise<M: Model<P>, const P: usize>(
         Correlation::Estimated if points.len() >= fewest => {
             let found = estimate(&adjusted.model, points, inverse);
             let support = Support { cells: found.cells, correlation_reach_mm: Some(found.reach_mm) };
-            return (found.covariance / (shrink * shrink), support);
+            return (found.covariance * (of_few(freedom) / (shrink * shrink)), support);
         }
         Correlation::Cells(edge_mm) => {
             let (meat, cells) = cell_scores(&adjusted.model, points, edge_mm);
@@ -79,7 +86,7 @@ fn of_noise<M: Model<P>, const P: usize>(
             // Too few cells give no covariance. At worst the points of a cell all err alike: a cell then counts as one
             // point, and as independent ones they would promise far too much.
             let points_a_cell = points.len() as f64 / cells.max(1) as f64;
-            let independent = inverse * (adjusted.normal.sum / freedom / (shrink * shrink));
+            let independent = inverse * (adjusted.normal.sum / freedom * of_few(freedom) / (shrink * shrink));
             return (independent * points_a_cell, support);
         }
         Correlation::Known(sigma_mm) => {
@@ -87,7 +94,13 @@ fn of_noise<M: Model<P>, const P: usize>(
         }
         Correlation::Estimated | Correlation::Independent => {}
     }
-    (inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default())
+    (inverse * (adjusted.normal.sum / freedom * of_few(freedom) / (shrink * shrink)), Support::default())
+}
+
+/// What few degrees of freedom add to a variance, as a factor: the square of t over the normal distribution's for ± 2 u.
+fn of_few(freedom: f64) -> f64 {
+    let factor = coverage_factor(TWO_U, freedom.max(1.0)) / 2.0;
+    factor * factor
 }
 
 /// 1 − c · h(c)/(d n), see [`covariance`].

@@ -5,18 +5,16 @@ use super::align::{PlacedPart, align, describe};
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::extracted;
-use super::filter::{Across, filtered};
+use super::filter::Across;
 use super::fit_element::{Measured, REACH_MARGINS, about, measure};
 use super::fitted_element::FittedElement;
-use super::flatness::u_range_mm;
 use super::gather::gather;
 use super::joint::{Joint, Part};
 use super::location;
 use super::plan::{Feature, Plan, Quantity};
+use super::reading::{Reading, filtered_flatness, flatness};
 use super::region::Region;
-use super::result::{
-    AlignmentResult, ConstructedResult, ElementResult, FeatureResult, FlatnessFilter, InspectionResult,
-};
+use super::result::{AlignmentResult, ConstructedResult, ElementResult, FeatureResult, InspectionResult};
 use crate::fit::{
     Correlation, Derived, Form, PlaneFit, SphereFit, centre_distance_mm, plane_angle_rad, plane_distance_mm,
     sphere_height_mm,
@@ -158,54 +156,6 @@ fn constructed_results(joint: &Joint<'_>) -> Vec<ConstructedResult> {
         }
     };
     joint.plan.constructed.iter().zip(&parts[joint.plan.elements.len()..]).map(result).collect()
-}
-
-/// A measured value with the uncertainty that the scatter of its points shows.
-struct Reading {
-    value: f64,
-    u_noise: f64,
-    form_sigma_mm: Option<f64>,
-    form_range_mm: Option<f64>,
-    filter: Option<FlatnessFilter>,
-    points: usize,
-    rejected: usize,
-    /// What widens the upper limit.
-    bonus_mm: Option<f64>,
-    /// Definition of the value, where the name does not say it.
-    detail: Option<String>,
-}
-
-impl Reading {
-    fn derived(derived: Derived, forms: &[&Form]) -> Self {
-        Self::new(derived.value, derived.u, forms)
-    }
-
-    /// Whether every number that is reported is one.
-    fn is_finite(&self) -> bool {
-        let filter = self.filter.as_ref().map_or([0.0; 2], |f| [f.u_cell_mm, f.noise_range_mm]);
-        let form = [self.form_sigma_mm, self.form_range_mm].map(Option::unwrap_or_default);
-        [self.value, self.u_noise].iter().chain(&filter).chain(&form).all(|v| v.is_finite())
-    }
-
-    /// A range with what errors in common do to it, mm.
-    fn with_shared(self, u_shared_mm: f64) -> Self {
-        let u_noise = (self.u_noise * self.u_noise + u_shared_mm * u_shared_mm).sqrt();
-        Self { u_noise, ..self }
-    }
-
-    fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
-        Self {
-            value,
-            u_noise,
-            form_sigma_mm: None,
-            form_range_mm: None,
-            filter: None,
-            points: forms.iter().map(|f| f.points).sum(),
-            rejected: forms.iter().map(|f| f.rejected).sum(),
-            bonus_mm: None,
-            detail: None,
-        }
-    }
 }
 
 /// Measures a feature and decides.
@@ -376,26 +326,4 @@ fn detail(joint: &Joint<'_>, one: &Characteristic, bonus_mm: Option<f64>) -> Str
         words.push(format!("Ⓜ adds {bonus:.4} mm to the limit (ISO 2692)"));
     }
     words.join("; ")
-}
-
-/// Range of the residuals kept, with its sigma beside it under its own name.
-fn flatness(fit: &PlaneFit) -> Reading {
-    let form = &fit.form;
-    // How much correlation widens the plane's place against that of independent points.
-    let independent = form.form_sigma_mm * form.form_sigma_mm / form.points.max(1) as f64;
-    let effect = if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 };
-    let u = u_range_mm(&fit.residuals.deviation_mm, form.rejected, effect);
-    unfiltered(form, Reading::new(form.form_range_mm, u, &[form]))
-}
-
-/// Range of the cell means; see [`filtered`].
-fn filtered_flatness(fit: &PlaneFit, across: &[Across], edge_mm: f64) -> Result<Reading, MeasureError> {
-    let found = filtered(across, &fit.residuals.deviation_mm, edge_mm)?;
-    let reading = Reading::new(found.range_mm, found.u_mm, &[&fit.form]);
-    Ok(unfiltered(&fit.form, Reading { filter: Some(found.report), ..reading }))
-}
-
-/// A flatness with what its single points show beside it.
-fn unfiltered(form: &Form, reading: Reading) -> Reading {
-    Reading { form_sigma_mm: Some(form.form_sigma_mm), form_range_mm: Some(form.form_range_mm), ..reading }
 }

@@ -36,6 +36,7 @@ mod plan;
 mod raw;
 mod raw_elements;
 mod raw_features;
+mod reading;
 mod references;
 mod region;
 mod result;

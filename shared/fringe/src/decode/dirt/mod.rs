@@ -19,8 +19,10 @@ mod moments;
 mod moved_steps;
 mod rows;
 mod samples;
+mod steadied;
 mod subspace;
 
+use super::between_steps::between_steps;
 use super::motion::StepMotion;
 use crate::wrapped::LeastSquares;
 use columns::nominal_columns;
@@ -28,6 +30,7 @@ pub use finding::{Fault, Finding, Remedy};
 use moved_steps::MovedSteps;
 use rows::fit;
 pub(super) use samples::{Look, Samples};
+pub(super) use steadied::Steadied;
 
 /// One bad frame in so many is left out; one always may be.
 const BAD_FRAMES: usize = 8;
@@ -87,7 +90,7 @@ pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
     if let Some(moved) = samples.moved_instead(&rows, rows.excess(&light.columns)) {
         return unsteady(&moved);
     }
-    let motion = samples.moved_beside(&rows, rows.unexplained(&light.columns)).map(|moved| moved.motion);
+    let motion = between_steps(samples, &light.steadied);
     let findings = vec![found(None, Fault::Flicker(light.deviation))];
     Some(Repair { fit: fit(&light.columns, steps, |_| false)?, findings, motion })
 }

@@ -1,12 +1,8 @@
-//! Fringes that moved between the frames beside light that changed between them: which of both the columns of a set show.
+//! Fringes that moved between the frames by a good part of a period: the steps that explain what the pixels share.
 //!
-//! Frames that stand pᵢ beside their steps have rows (1, cos θᵢ, sin θᵢ) with θᵢ = δᵢ + pᵢ. Light that changes has rows (lᵢ, cos δᵢ, sin δᵢ) where it is
-//! added, as room light is, and fᵢ (1, cos δᵢ, sin δᵢ) where it scales all, as an exposure does. A part that moved by a good share of a fringe looks like
-//! a changing light as long as no steps but the nominal ones are thought of. So the rows of each kind are sought that lie nearest to the columns which
-//! the pixels share: rows of the kind and what the columns hold of them, by turns. What leaves less of the grey values unexplained is what happened.
-//!
-//! Both may have happened. Of scaled rows a first harmonic of p cannot be told from one of f (the cone of these rows has the symmetry of Lorentz'
-//! transformations), so it counts for nothing; the motion stated is then the least.
+//! Frames that stand pᵢ beside their steps have the rows (1, cos θᵢ, sin θᵢ), θᵢ = δᵢ − pᵢ. As long as no steps but the nominal ones are thought of, they look like
+//! a light that changes, or like a wrong frame. So the rows of this kind are sought that lie nearest to the columns which the pixels share: rows of the kind and
+//! what the columns hold of them, by turns. Where they leave far less unexplained than light or a wrong frame do, the fringes moved.
 
 use super::columns::{Column, dot, nominal_columns, solver};
 use super::rows::Rows;
@@ -15,25 +11,13 @@ use super::subspace::nearest;
 use crate::decode::limits::MAX_STEPS;
 use crate::decode::motion::{LEAST_STEPS, StepMotion};
 use crate::math::{atan2, wrap_rad};
-use nalgebra::{Matrix3, Vector3};
 
 /// Turns of the search.
-const ROUNDS: usize = 200;
+const ROUNDS: usize = 60;
 /// Motion is believed where it leaves less than this share of what the light leaves unexplained.
 const EXPLAINED: f64 = 0.25;
 /// What else was found explains enough where it leaves no more than this share of the noise of one frame: a motion within half of a pixel's uncertainty.
 const LEAST_EXCESS: f64 = 0.25;
-
-/// What a light that changes does to the frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Light {
-    /// It is the same in all.
-    Steady,
-    /// It adds to their levels.
-    Added,
-    /// It scales them.
-    Scaled,
-}
 
 /// How the frames of a set moved.
 pub(super) struct MovedSteps {
@@ -48,61 +32,33 @@ pub(super) struct MovedSteps {
 impl Samples<'_> {
     /// The motion that explains a set much better than what was found, which leaves so much more than it need unexplained.
     pub(super) fn moved_instead(&self, rows: &Rows, excess: f64) -> Option<MovedSteps> {
-        let noise = rows.unexplained(&rows.basis) / (rows.steps as f64 - 3.0);
-        let (columns, off_rad) = rows.moved(Light::Steady)?;
-        if excess < LEAST_EXCESS * noise || rows.excess(&columns) >= EXPLAINED * excess {
-            return None;
-        }
-        self.told(rows, (columns, off_rad), rows.unexplained(&nominal_columns(self.plan())), false)
-    }
-
-    /// The motion beside a light of columns that explain a set less well than both together do.
-    pub(super) fn moved_beside(&self, rows: &Rows, left_by_light: f64) -> Option<MovedSteps> {
-        let both = [Light::Added, Light::Scaled].into_iter().filter_map(|light| rows.moved(light));
-        let left = both.map(|found| (rows.unexplained(&found.0), found));
-        let (_, found) = left.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        self.told(rows, found, left_by_light, true)
-    }
-
-    /// What frames beside their steps say; `without`: what is unexplained if they stand where they should.
-    fn told(
-        &self,
-        rows: &Rows,
-        (columns, off_rad): ([Column; 3], Column),
-        without: f64,
-        beside_light: bool,
-    ) -> Option<MovedSteps> {
         let steps = rows.steps;
-        if steps < LEAST_STEPS {
+        let noise = rows.unexplained(&rows.basis) / (steps as f64 - 3.0);
+        if steps < LEAST_STEPS || excess < LEAST_EXCESS * noise {
             return None;
         }
-        // Shifts that are no motion: all alike, and beside a light those that look like it.
-        let like_light = if beside_light { 3 } else { 1 };
-        let basis = nominal_columns(self.plan());
-        let off_rad = without_part(&off_rad, &basis, (steps, like_light))?;
-        let mut time = [0.0; MAX_STEPS];
-        time.iter_mut().enumerate().for_each(|(i, time)| *time = i as f64);
-        let time = without_part(&time, &basis, (steps, like_light))?;
-        let unexplained = rows.unexplained(&columns);
-        let noise = unexplained / (steps as f64 - 3.0);
-        let weights = solver(&columns, steps)?;
-        let power = |k: usize| {
-            weights[k][..steps]
-                .iter()
-                .zip(&rows.power)
-                .map(|(w, row)| w * dot(&weights[k], row, steps))
-                .sum::<f64>()
-        };
-        // A pixel at the phase φ shows a shift by B sin(φ − δ), whose square is half of B² in the mean.
-        let noise_rad2 = 2.0 * noise / (power(1) + power(2)).max(f64::MIN_POSITIVE);
+        let (columns, shifts_rad) = rows.moved()?;
+        if rows.excess(&columns) >= EXPLAINED * excess {
+            return None;
+        }
+        let power = solver(&columns, steps)?.map(|weights| {
+            let product = |(w, row): (&f64, &Column)| w * dot(&weights, row, steps);
+            weights[..steps].iter().zip(&rows.power).map(product).sum::<f64>()
+        });
         let counted = self.count() as f64;
-        let explained = (without - unexplained) / (noise / counted).max(f64::MIN_POSITIVE);
-        let deviation_rad = (dot(&off_rad, &off_rad, steps) / steps as f64).sqrt();
-        let span = dot(&time, &time, steps);
+        let unexplained = rows.unexplained(&columns);
+        let noise = unexplained / (steps as f64 - 3.0) / counted;
+        let explained = (rows.unexplained(&nominal_columns(self.plan())) - unexplained) / noise;
+        let time = |i: usize| i as f64 - 0.5 * (steps as f64 - 1.0);
+        let span: f64 = (0..steps).map(|i| time(i) * time(i)).sum();
+        let per_frame_rad = (0..steps).map(|i| time(i) * shifts_rad[i]).sum::<f64>() / span;
+        // A pixel at the phase φ shows a shift by B sin(φ − δ), whose square is half of B² in the mean.
+        let noise_rad2 = 2.0 * noise / (power[1] + power[2]).max(f64::MIN_POSITIVE);
+        let deviation_rad = (dot(&shifts_rad, &shifts_rad, steps) / steps as f64).sqrt();
         let motion = StepMotion::of_frames(
             self.plan(),
-            (deviation_rad, explained, steps - like_light),
-            (dot(&time, &off_rad, steps) / span, (noise_rad2 / counted / span).sqrt()),
+            (deviation_rad, explained, steps - 1),
+            (per_frame_rad, (noise_rad2 / span).sqrt()),
         );
         Some(MovedSteps { columns, deviation_rad, motion })
     }
@@ -125,52 +81,27 @@ impl Rows {
         self.unexplained(&columns) - left_out - least
     }
 
-    /// Columns of frames beside their steps under such a light, nearest to those that all pixels share, and how far each stands off, rad.
-    fn moved(&self, light: Light) -> Option<([Column; 3], Column)> {
+    /// Columns of frames beside their steps, nearest to those that all pixels share, and how far the fringes of each stand off, their mean 0, rad.
+    fn moved(&self) -> Option<([Column; 3], Column)> {
         let mut columns = self.nominal;
         for _ in 0..ROUNDS {
             let shared = nearest(&self.basis, &columns, self.steps, None)?;
-            let mut sum = 0.0;
             for i in 0..self.steps {
-                let (level, c, s) = (shared[0][i], shared[1][i], shared[2][i]);
+                let (c, s) = (shared[1][i], shared[2][i]);
                 let contrast = (c * c + s * s).sqrt();
                 if contrast.is_nan() || contrast <= 0.0 {
                     return None;
                 }
-                let (level, scale) = match light {
-                    Light::Steady => (1.0, 1.0),
-                    Light::Added => (level, 1.0),
-                    Light::Scaled => (0.5 * (level + contrast), 0.5 * (level + contrast)),
-                };
-                sum += level;
-                (columns[0][i], columns[1][i], columns[2][i]) =
-                    (level, scale * c / contrast, scale * s / contrast);
+                (columns[1][i], columns[2][i]) = (c / contrast, s / contrast);
             }
-            // Their mean is one; of light that scales all, of all columns.
-            let scale = self.steps as f64 / sum;
-            let scaled = if light == Light::Scaled { 3 } else { 1 };
-            columns[..scaled].iter_mut().flatten().for_each(|value| *value *= scale);
         }
-        let mut off_rad = [0.0; MAX_STEPS];
-        for (i, off) in off_rad[..self.steps].iter_mut().enumerate() {
+        let mut shifts_rad = [0.0; MAX_STEPS];
+        for (i, shift) in shifts_rad[..self.steps].iter_mut().enumerate() {
             let nominal_rad = atan2(self.nominal[2][i], self.nominal[1][i]);
-            *off = wrap_rad(atan2(columns[2][i], columns[1][i]) - nominal_rad);
+            *shift = wrap_rad(nominal_rad - atan2(columns[2][i], columns[1][i]));
         }
-        Some((columns, off_rad))
+        let mean = shifts_rad[..self.steps].iter().sum::<f64>() / self.steps as f64;
+        shifts_rad[..self.steps].iter_mut().for_each(|shift| *shift -= mean);
+        Some((columns, shifts_rad))
     }
-}
-
-/// A column without what lies in the first so many of three others.
-fn without_part(column: &Column, others: &[Column; 3], (steps, count): (usize, usize)) -> Option<Column> {
-    let product = |i: usize, j: usize| {
-        if i < count && j < count { dot(&others[i], &others[j], steps) } else { f64::from(u8::from(i == j)) }
-    };
-    let inverse = Matrix3::from_fn(product).try_inverse()?;
-    let shares =
-        inverse * Vector3::from_fn(|k, _| if k < count { dot(&others[k], column, steps) } else { 0.0 });
-    let mut rest = *column;
-    for (i, value) in rest[..steps].iter_mut().enumerate() {
-        *value -= (0..count).map(|k| shares[k] * others[k][i]).sum::<f64>();
-    }
-    Some(rest)
 }

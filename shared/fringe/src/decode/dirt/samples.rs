@@ -32,6 +32,8 @@ pub struct Look<'a> {
 const MOST: usize = 8192;
 /// Fewer pixels say nothing.
 const LEAST: usize = 500;
+/// So many give each of 64 parts of the fringe 25 of them, more than chance leaves empty; with fewer, all positions are asked.
+const ENOUGH: usize = 1600;
 
 /// The pixels of a set that are lit and not clipped, [`SIDE`] of them side by side.
 pub(in crate::decode) struct Samples<'a> {
@@ -63,12 +65,12 @@ impl<'a> Samples<'a> {
             every += 1;
         }
         // Then all, for a part that fills little of the picture.
-        for every in [every, 1] {
+        for (every, enough) in [(every, ENOUGH), (1, LEAST)] {
             vectorised!(
                 level,
                 gather(look, &weights[1..], every, (plan.steps as usize, &mut *chosen, &mut *groups))
             );
-            if chosen.len() >= LEAST {
+            if chosen.len() >= enough {
                 return Some(Self { plan, look, groups, chosen, level });
             }
         }

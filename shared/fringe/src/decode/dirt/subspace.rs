@@ -7,6 +7,7 @@ use super::columns::{Column, dot, nominal_columns, solver, times};
 use super::rows::FrameRow;
 use super::rows::Rows;
 use super::samples::Samples;
+use super::steadied::Steadied;
 use crate::decode::limits::MAX_STEPS;
 use crate::decode::spectrum::{SIDE, Side};
 use crate::math::simd::vectorised;
@@ -42,6 +43,8 @@ pub(super) struct ChangingLight {
     pub columns: [Column; 3],
     /// Standard deviation of its levels over their mean.
     pub deviation: f64,
+    /// What takes its changes out of the frames.
+    pub steadied: Steadied,
 }
 
 /// Pixels of one phase in a tile: how many, and sums of r = √(C² + S²)/A and of the phase's direction.
@@ -127,15 +130,18 @@ impl Samples<'_> {
         }
         // Room light adds to all fringes, an exposure scales them: what leaves less is taken.
         let mut best = ([levels, nominal[1], nominal[2]], levels);
+        let mut of_levels: fn(&Column, f64) -> Steadied = Steadied::of_added;
         if steps > 4 {
             let factors = rows.factors();
             let scaled = rows.nominal.map(|column| times(&column, &factors));
             if rows.unexplained(&scaled) < rows.unexplained(&added) {
                 best = (scaled, factors);
+                of_levels = Steadied::of_scaled;
             }
         }
         let variance = best.1[..steps].iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
-        Some(ChangingLight { columns: best.0, deviation: (variance / (steps as f64 - 1.0)).sqrt() })
+        let deviation = (variance / (steps as f64 - 1.0)).sqrt();
+        Some(ChangingLight { columns: best.0, deviation, steadied: of_levels(&best.1, deviation) })
     }
 
     /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos

@@ -158,6 +158,8 @@ fn a_part_that_steps_by_a_good_part_of_a_fringe_moved_and_is_decoded_where_it_st
                     (found_rad / rms - 1.0).abs() < 0.05 && found.remedy == Remedy::StepsAsFound,
                     "{case}"
                 );
+                // Fringes that run ahead from a frame on drift ahead.
+                assert!(motion.is_some_and(|motion| motion.drift_rad * size > 0.0), "{case}");
                 assert!(off_rad < 0.03, "{off_rad} rad, {case}");
             }
         }

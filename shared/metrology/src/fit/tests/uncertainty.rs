@@ -47,6 +47,23 @@ fn predicted_sigma_meets_the_scatter() {
     }
 }
 
+/// Of 2000 fits with six degrees of freedom 9.3 % would lie outside of twice the scatter that their points show; ± 2 u leaves 4.55 %, known to 0.5 %.
+#[test]
+fn twice_the_uncertainty_holds_of_few_points_too() {
+    for (count, correlation) in
+        [(10, Correlation::Independent), (24, Correlation::Independent), (24, Correlation::Estimated)]
+    {
+        let settings = FitSettings { correlation, ..FitSettings::default() };
+        let is_outside = |seed: &u64| {
+            let fit = sphere(&cap(&mut Noise(*seed), count), &settings).unwrap();
+            (fit.diameter_mm - 20.0).abs() > 2.0 * fit.u_diameter_mm
+        };
+        let outside = (0..2000).filter(is_outside).count() as f64 / 2000.0;
+        let most = if correlation == Correlation::Independent { 0.061 } else { 0.1 };
+        assert!((0.03..most).contains(&outside), "{count} points, {correlation:?}: {outside}");
+    }
+}
+
 /// Every noise value shared by five points within 0.3 mm: points taken as independent promise √5 too much, cells of
 /// 2 mm do not.
 #[test]
