@@ -17,7 +17,7 @@
 use super::arctan::angle_positive_rad;
 use super::dirt::{Samples, Steadied};
 use super::limits::MAX_STEPS;
-use super::motion::{LEAST_STEPS, StepMotion};
+use super::motion::{LEAST_STEPS, Shifts, StepMotion};
 use super::roles::SinePlan;
 use super::spectrum::{SIDE, Side};
 use crate::math::simd::vectorised;
@@ -56,7 +56,7 @@ pub(super) fn between_steps(samples: &Samples, light: &Steadied) -> Option<StepM
     let weights = counts.map(|count| mean / count);
     let mut sums = LaneSums::ZERO;
     vectorised!(samples.level(), sums.fill(samples, light, (&unit, &weights)));
-    Some(sums.joined().solve(plan)?.beside_light(light.left, steps))
+    sums.joined().solve(plan, light.left)
 }
 
 /// Counts the pixels by their phase.
@@ -210,7 +210,7 @@ impl Sums {
     }
 
     /// The shifts of the frames and what they are worth. Light that changes from frame to frame is solved along with them.
-    fn solve(&self, plan: &SinePlan) -> Option<StepMotion> {
+    fn solve(&self, plan: &SinePlan, left: f64) -> Option<StepMotion> {
         let n = plan.steps as usize;
         let steps = n as f64;
         let [mut matrix, cross, mut light] = self.normal(&plan.shifts_rad[..n]);
@@ -228,22 +228,17 @@ impl Sums {
                 matrix[i][j] -= (0..n).map(|k| own[k] * other[k]).sum::<f64>();
             }
         }
-        self.judge(&matrix, &right, (plan, noise_dn2))
+        self.judge(&matrix, &right, (plan, noise_dn2, left))
     }
 
     fn judge(
         &self,
         matrix: &Square,
         right: &Steps,
-        (plan, noise_dn2): (&SinePlan, f64),
+        (plan, noise_dn2, left): (&SinePlan, f64, f64),
     ) -> Option<StepMotion> {
         let n = plan.steps as usize;
         let steps = n as f64;
-        // Of a steady drift alone.
-        let time = |i: usize| i as f64 - 0.5 * (steps - 1.0);
-        let row = |i: usize| time(i) * (0..n).map(|j| matrix[i][j] * time(j)).sum::<f64>();
-        let information: f64 = (0..n).map(row).sum();
-        let seen: f64 = (0..n).map(|i| time(i) * right[i]).sum();
         // What the steps do not show, the mean above all, is held near zero: a tenth of a radian.
         let mut held = *matrix;
         for (i, row) in held.iter_mut().enumerate().take(n) {
@@ -253,30 +248,27 @@ impl Sums {
         let shifts = solved(lower, n, right);
         let explained: f64 = (0..n).map(|i| shifts[i] * right[i]).sum();
         let noise_dn2 = (self.squares - explained).max(0.0) / (self.weights * (steps - 3.0)).max(1.0);
-        // Of each shift that part is noise which the steps tell: H⁻¹ M H⁻¹.
+        // The variance of a shift, H⁻¹ M H⁻¹, but for what looks like light: of N shifts that leaves N − 3.
         let noise: f64 = (0..n)
             .map(|i| {
                 let mut one = [0.0; MAX_STEPS];
-                one[i] = 1.0;
+                for (j, value) in one[..n].iter_mut().enumerate() {
+                    let apart = plan.shifts_rad[i] - plan.shifts_rad[j];
+                    *value = f64::from(u8::from(i == j)) - (1.0 + 2.0 * cos(apart)) / steps;
+                }
                 let own = solved(lower, n, &one);
                 (0..n).map(|j| own[j] * (0..n).map(|k| matrix[j][k] * own[k]).sum::<f64>()).sum::<f64>()
             })
             .sum::<f64>()
             * noise_dn2
             / steps;
-        let mean = shifts[..n].iter().sum::<f64>() / steps;
-        let square = shifts[..n].iter().map(|p| (p - mean).powi(2)).sum::<f64>() / steps;
-        let (per_frame_rad, by_noise_rad) = if information > 0.0 {
-            (seen / information, (noise_dn2 / information).sqrt())
-        } else {
-            (0.0, f64::INFINITY)
+        let shifts = Shifts {
+            rad: &shifts[..n],
+            noise_rad: noise.max(0.0).sqrt(),
+            explained: (explained / noise_dn2, n - 1),
+            without_light: true,
         };
-        let rms_rad = (square - noise).max(0.0).sqrt();
-        Some(StepMotion::of_frames(
-            plan,
-            (rms_rad, explained / noise_dn2, n - 1),
-            (per_frame_rad, by_noise_rad),
-        ))
+        Some(StepMotion::of_shifts(plan, &shifts, left))
     }
 }
 

@@ -1,10 +1,12 @@
 //! The verdict on motion between the frames of a sine set. Small shifts of the fringes are found by what the nominal steps leave (`between_steps`), large
 //! ones by the steps that leave less (`dirt`).
 //!
-//! A steady drift is extrapolated to the whole sequence: it moves what one projector shows against what the next one shows.
+//! A steady drift is extrapolated to the whole sequence: it moves what one projector shows against what the next one shows. A single step is as large as it is.
 
 use super::Decoder;
+use super::limits::MAX_STEPS;
 use super::roles::SinePlan;
+use crate::math::{cos, sincos};
 use crate::phase::PhaseViewMut;
 
 /// Fewest steps that tell: five leave two residuals, and each further one another.
@@ -13,7 +15,8 @@ pub(super) const LEAST_STEPS: usize = 5;
 const ASKED: usize = 8192;
 /// Standard uncertainties beyond which a drift is one.
 const CERTAIN: f64 = 5.0;
-/// Standard deviation of a rounded value over half of the range of eight bits.
+/// Standard deviation of a rounded value over half of the range of eight bits. The pattern of a frame has such errors in the columns of one period, which
+/// move its fringes alike in all pixels.
 const ROUNDED: f64 = 0.288_675 / 127.5;
 
 /// How the fringes moved during one sine set.
@@ -23,9 +26,31 @@ pub(super) struct StepMotion {
     rms_rad: f64,
     /// Whether the shifts are more than the noise.
     certain: bool,
-    /// Steady part of the shifts and its standard uncertainty, rad per frame.
-    per_frame_rad: f64,
-    u_per_frame_rad: f64,
+    /// What explains the shifts best.
+    way: Way,
+}
+
+/// A simple motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Way {
+    /// How far the fringes went, rad: a frame, or once.
+    rad: f64,
+    /// Its standard uncertainty by noise, rounding and what the motion does not explain, rad.
+    u_rad: f64,
+    /// Whether it goes on from frame to frame.
+    goes_on: bool,
+}
+
+/// What is known of the shifts of the frames of a set.
+pub(super) struct Shifts<'a> {
+    /// How far the fringes of each frame stand off, rad.
+    pub rad: &'a [f64],
+    /// Standard deviation of one of them by noise, rad.
+    pub noise_rad: f64,
+    /// The square of what they explain over the variance of the noise, and how many of them it is of.
+    pub explained: (f64, usize),
+    /// Whether those that look like light which changes are left out.
+    pub without_light: bool,
 }
 
 /// How far what a camera sees moved, against the uncertainty of its phase.
@@ -33,7 +58,7 @@ pub(super) struct StepMotion {
 pub struct Motion {
     /// Root mean square of the frames' shifts about their mean, in phase, rad, less noise; the least, since some shifts look like light that changes.
     pub rms_rad: f64,
-    /// A steady drift, extrapolated to all frames of the sequence, rad.
+    /// How far the fringes went during the sequence, rad: a steady drift extrapolated to all of its frames, or a step, whichever explains the shifts better.
     pub drift_rad: f64,
     /// Standard uncertainty of the former, rad.
     pub u_drift_rad: f64,
@@ -44,39 +69,79 @@ pub struct Motion {
 }
 
 impl StepMotion {
-    /// Of frames of even steps that stand off by so much (rms), which explains so many times the variance of the noise with this freedom; steady part and
-    /// its standard uncertainty by noise, rad per frame.
-    pub(super) fn of_frames(
-        plan: &SinePlan,
-        (rms_rad, explained, freedom): (f64, f64, usize),
-        (per_frame_rad, by_noise_rad): (f64, f64),
-    ) -> Self {
-        let rounded = rounded_rad(plan.period_px, plan.steps as usize);
-        let u_per_frame_rad = (by_noise_rad * by_noise_rad + rounded * rounded).sqrt();
-        Self { rms_rad, certain: is_certain(explained, freedom as f64), per_frame_rad, u_per_frame_rad }
-    }
-
-    /// The same where changes of the light of this size, over the level, may be left in the frames: each shifts the fringes of its frame by as much at most.
-    pub(super) fn beside_light(self, left: f64, steps: usize) -> Self {
-        let span = sum_of_squares(steps);
+    /// Of the frames of even steps. `left` of the light's changes, over the level, may be in the frames: each shifts the fringes of its frame by as much at
+    /// most.
+    pub(super) fn of_shifts(plan: &SinePlan, shifts: &Shifts, left: f64) -> Self {
+        let steps = shifts.rad.len();
+        let told = Told { plan, without_light: shifts.without_light };
+        let mut rad = [0.0; MAX_STEPS];
+        rad[..steps].copy_from_slice(shifts.rad);
+        told.leave(&mut rad[..steps]);
+        let square = dot(&rad[..steps], &rad[..steps]);
+        let noise = shifts.noise_rad * shifts.noise_rad;
+        let (explained, freedom) = (shifts.explained.0, shifts.explained.1 as f64);
         Self {
-            rms_rad: (self.rms_rad * self.rms_rad - left * left).max(0.0).sqrt(),
-            u_per_frame_rad: (self.u_per_frame_rad * self.u_per_frame_rad + left * left / span).sqrt(),
-            ..self
+            rms_rad: (square / steps as f64 - noise - left * left).max(0.0).sqrt(),
+            certain: explained > freedom + CERTAIN * (2.0 * freedom).sqrt(),
+            way: told.way(&rad[..steps], noise + left * left),
         }
     }
 }
 
-/// Whether what explains so many times the variance of the noise is more than noise with this freedom.
-fn is_certain(explained: f64, freedom: f64) -> bool {
-    explained > freedom + CERTAIN * (2.0 * freedom).sqrt()
+/// What shifts tell, and what they do not.
+struct Told<'a> {
+    plan: &'a SinePlan,
+    without_light: bool,
+}
+
+impl Told<'_> {
+    /// Takes out what tells no motion: the mean, and beside a light a first harmonic of the steps, which frames of another light have as well.
+    fn leave(&self, rad: &mut [f64]) {
+        let n = rad.len() as f64;
+        let mut take = |of: &dyn Fn(usize) -> f64, square: f64| {
+            let share = rad.iter().enumerate().map(|(i, value)| value * of(i)).sum::<f64>() / square;
+            rad.iter_mut().enumerate().for_each(|(i, value)| *value -= share * of(i));
+        };
+        take(&|_| 1.0, n);
+        if self.without_light {
+            take(&|i| cos(self.plan.shifts_rad[i]), 0.5 * n);
+            take(&|i| sincos(self.plan.shifts_rad[i]).0, 0.5 * n);
+        }
+    }
+
+    /// The steady drift, or the step between two frames, that explains the shifts best; each of them has this variance.
+    fn way(&self, rad: &[f64], variance: f64) -> Way {
+        let steps = rad.len();
+        let rounded = ROUNDED * (2.0 / self.plan.period_px.max(1.0)).sqrt();
+        let of = |shape: &dyn Fn(usize) -> f64| {
+            let mut column = [0.0; MAX_STEPS];
+            column[..steps].iter_mut().enumerate().for_each(|(i, value)| *value = shape(i));
+            self.leave(&mut column[..steps]);
+            let (column, span) = (&column[..steps], dot(&column[..steps], &column[..steps]));
+            let share = dot(column, rad) / span;
+            let rest = dot(rad, rad) - share * share * span;
+            (share, span, rest)
+        };
+        let drift = of(&|i| i as f64);
+        let stepped = (1..steps).map(|from| of(&move |i| f64::from(u8::from(i >= from))));
+        let step = stepped.min_by(|a, b| a.2.total_cmp(&b.2)).filter(|step| step.2 < drift.2);
+        let (share, span, rest) = step.unwrap_or(drift);
+        // What the simple motion leaves makes it uncertain.
+        let freedom = (steps as f64 - if self.without_light { 4.0 } else { 2.0 }).max(1.0);
+        let u_rad = ((variance.max(rest / freedom) + rounded * rounded) / span).sqrt();
+        Way { rad: share, u_rad, goes_on: step.is_none() }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 impl Motion {
     /// The verdict on a sequence of so many frames whose pixels have this standard uncertainty, rad.
     pub(super) fn of(steps: StepMotion, frames: usize, sigma_rad: f64) -> Self {
-        let (drift_rad, u_drift_rad) =
-            (steps.per_frame_rad * frames as f64, steps.u_per_frame_rad * frames as f64);
+        let times = if steps.way.goes_on { frames as f64 } else { 1.0 };
+        let (drift_rad, u_drift_rad) = (steps.way.rad * times, steps.way.u_rad * times);
         let drifts = drift_rad.abs() > CERTAIN * u_drift_rad;
         let moved = (steps.certain && steps.rms_rad > sigma_rad) || (drifts && drift_rad.abs() > sigma_rad);
         Self { rms_rad: steps.rms_rad, drift_rad, u_drift_rad, sigma_rad, moved }
@@ -92,8 +157,8 @@ impl Motion {
                 String::new()
             };
             format!(
-                "camera \"{camera}\": the fringes {shook}drifted by {:.1} mrad (u {:.1}) over the sequence, a pixel's phase is known to \
-                 {:.1} mrad: the part or the camera was not at rest; measure again, clamp it, or wait longer",
+                "camera \"{camera}\": the fringes {shook}went by {:.1} mrad (u {:.1}) over the sequence, a pixel's phase is known to \
+                 {:.1} mrad: part, camera or projector was not at rest; measure again, clamp it, or wait longer",
                 self.drift_rad * 1e3,
                 self.u_drift_rad * 1e3,
                 self.sigma_rad * 1e3
@@ -114,17 +179,4 @@ impl Decoder {
             .fold((0.0, 0.0), |(sum, count), place| (sum + f64::from(out.sigma_rad[*place]), count + 1.0));
         (count > 0.0).then(|| Motion::of(steps, self.frames(), sum / count))
     }
-}
-
-/// What the rounding of the pattern to eight bits does to a steady drift, standard deviation, rad per frame: each frame has the errors of
-/// the columns of one period, which move its fringes alike in all pixels.
-fn rounded_rad(period_px: f64, steps: usize) -> f64 {
-    let of_a_frame = ROUNDED * (2.0 / period_px.max(1.0)).sqrt();
-    of_a_frame / sum_of_squares(steps).sqrt()
-}
-
-/// Of the numbers of so many frames about their mean.
-fn sum_of_squares(steps: usize) -> f64 {
-    let n = steps as f64;
-    n * (n * n - 1.0) / 12.0
 }

@@ -9,7 +9,7 @@ use super::rows::Rows;
 use super::samples::Samples;
 use super::subspace::nearest;
 use crate::decode::limits::MAX_STEPS;
-use crate::decode::motion::{LEAST_STEPS, StepMotion};
+use crate::decode::motion::{LEAST_STEPS, Shifts, StepMotion};
 use crate::math::{atan2, wrap_rad};
 
 /// Turns of the search.
@@ -49,17 +49,16 @@ impl Samples<'_> {
         let unexplained = rows.unexplained(&columns);
         let noise = unexplained / (steps as f64 - 3.0) / counted;
         let explained = (rows.unexplained(&nominal_columns(self.plan())) - unexplained) / noise;
-        let time = |i: usize| i as f64 - 0.5 * (steps as f64 - 1.0);
-        let span: f64 = (0..steps).map(|i| time(i) * time(i)).sum();
-        let per_frame_rad = (0..steps).map(|i| time(i) * shifts_rad[i]).sum::<f64>() / span;
         // A pixel at the phase φ shows a shift by B sin(φ − δ), whose square is half of B² in the mean.
         let noise_rad2 = 2.0 * noise / (power[1] + power[2]).max(f64::MIN_POSITIVE);
         let deviation_rad = (dot(&shifts_rad, &shifts_rad, steps) / steps as f64).sqrt();
-        let motion = StepMotion::of_frames(
-            self.plan(),
-            (deviation_rad, explained, steps - 1),
-            (per_frame_rad, (noise_rad2 / span).sqrt()),
-        );
+        let shifts = Shifts {
+            rad: &shifts_rad[..steps],
+            noise_rad: noise_rad2.sqrt(),
+            explained: (explained, steps - 1),
+            without_light: false,
+        };
+        let motion = StepMotion::of_shifts(self.plan(), &shifts, 0.0);
         Some(MovedSteps { columns, deviation_rad, motion })
     }
 }

@@ -201,3 +201,23 @@ fn a_light_that_changes_is_no_motion_and_hides_none() {
         assert!(still.motion.is_none_or(|motion| !motion.moved), "{size_dn}: {:?}", still.motion);
     }
 }
+
+/// A step is not extrapolated, and frames that stand anywhere make no drift.
+#[test]
+fn a_step_is_as_large_as_it_is_and_scattered_frames_do_not_drift() {
+    for (from, size) in [(2, 0.02), (5, -0.05), (8, 0.04)] {
+        let step = reported(|frame| if (from..STEPS).contains(&frame) { size } else { 0.0 }, |l| l, |_| 1.0);
+        assert!(
+            (step.drift_rad - size).abs() < 4.0 * step.u_drift_rad && step.u_drift_rad < 0.005,
+            "{step:?}"
+        );
+        assert!(step.moved, "{step:?}");
+    }
+    let off = |frame: usize| if frame == 4 || frame == 9 { -0.04 } else { 0.0 };
+    let scattered = reported(off, |l| l, |_| 1.0);
+    assert!(scattered.drift_rad.abs() < 5.0 * scattered.u_drift_rad, "{scattered:?}");
+    assert!(
+        scattered.moved && (0.6..1.05).contains(&(scattered.rms_rad / deviation(off, STEPS))),
+        "{scattered:?}"
+    );
+}
