@@ -124,7 +124,10 @@ impl Told<'_> {
         };
         let drift = of(&|i| i as f64);
         let stepped = (1..steps).map(|from| of(&move |i| f64::from(u8::from(i >= from))));
-        let step = stepped.min_by(|a, b| a.2.total_cmp(&b.2)).filter(|step| step.2 < drift.2);
+        let step = stepped.min_by(|a, b| a.2.total_cmp(&b.2));
+        // The best of many steps explains a part of any noise.
+        let doubt = CERTAIN * CERTAIN * (variance + rounded * rounded);
+        let step = step.filter(|step| step.2 + doubt < drift.2);
         let (share, span, rest) = step.unwrap_or(drift);
         // What the simple motion leaves makes it uncertain.
         let freedom = (steps as f64 - if self.without_light { 4.0 } else { 2.0 }).max(1.0);

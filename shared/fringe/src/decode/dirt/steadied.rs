@@ -15,8 +15,8 @@ pub(in crate::decode) struct Steadied {
     pub left: f64,
 }
 
-/// A tenth of a change may be left over: neither kind of change is the whole truth where parts differ in colour or light comes from the side.
-const LEFT_OVER: f64 = 0.1;
+/// A quarter of a change may be left over: neither kind of change is the whole truth, for the light of the room falls from another side than the projector's.
+const LEFT_OVER: f64 = 0.25;
 
 impl Steadied {
     /// Of a light that is the same in all frames.
