@@ -68,7 +68,8 @@ pub(super) fn mark_row<T: Value>(
             let values = &values[r * width + first..][..marks.len()];
             values.iter().fold(false, |any, value| any | value.is_there())
         };
-        if all || (!any && !(below.clone().any(shows) && above.clone().any(shows))) {
+        let enclosed = || below.clone().any(shows) && above.clone().any(shows);
+        if all || !(any || enclosed()) {
             continue;
         }
         for (offset, mark) in marks.iter_mut().enumerate() {
