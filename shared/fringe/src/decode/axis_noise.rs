@@ -1,10 +1,9 @@
 //! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
-use super::between_steps::between_steps;
 use super::borders::Borders;
 use super::code_frames::{Levels, code_frames};
 use super::dirt::code::{CodeFrame, CodeVerdict};
-use super::dirt::{self, Look, Samples, Steadied};
+use super::dirt::{self, Look, Samples};
 use super::micro::Micro;
 use super::neighbour_noise::{Places, sample_code, sample_map, sample_phase};
 use super::noise_estimate::Probe;
@@ -102,12 +101,11 @@ impl Decoder {
         };
         let room = (chosen, columns.as_mut_slice());
         let Some(samples) = Samples::new(&self.plan.sines[slot], &look, room, self.level) else { return };
-        if let Some(repair) = dirt::inspect(&samples) {
+        let (repair, motion) = dirt::inspect(&samples);
+        self.motions[slot] = motion;
+        if let Some(repair) = repair {
             self.sums[slot].refit(&repair.fit);
             self.findings[slot] = repair.findings;
-            self.motions[slot] = repair.motion;
-        } else {
-            self.motions[slot] = between_steps(&samples, &Steadied::NOTHING);
         }
     }
 

@@ -267,6 +267,8 @@ impl Sums {
             noise_rad: noise.max(0.0).sqrt(),
             explained: (explained / noise_dn2, n - 1),
             without_light: true,
+            // Whole fringes count alike.
+            response: 0.0,
         };
         Some(StepMotion::of_shifts(plan, &shifts, left))
     }

@@ -6,6 +6,7 @@
 //! edges from dark to light and those from light to dark against each other, so that they leave the mean alone. A code whose stripes are a whole
 //! period takes the orders with it: then these jump, which other checks see.
 
+use super::Remedy;
 use super::axis_noise::AxisState;
 use super::dirt::code::Shown;
 use super::order::CODE_EDGE_PERIODS;
@@ -61,7 +62,9 @@ impl Decoder {
         let (plan, axis) = (&self.plan.axes[home], &self.axes[home]);
         let (code, chain) = (plan.code.as_ref()?, plan.chain.as_ref()?);
         let slot = *plan.sines.first().filter(|slot| self.plan.sines[**slot].kind == SineKind::Plain)?;
-        if self.steps[slot] < 3 || !report.findings.is_empty() {
+        // Sine frames that are left out leave the phase of the others.
+        let left_out = report.findings.iter().all(|found| found.remedy == Remedy::LeftOut);
+        if self.steps[slot] < 3 || !left_out {
             return None;
         }
         let period_px = chain.stages.first()?.period_px;

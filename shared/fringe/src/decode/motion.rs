@@ -51,12 +51,15 @@ pub(super) struct Shifts<'a> {
     pub explained: (f64, usize),
     /// Whether those that look like light which changes are left out.
     pub without_light: bool,
+    /// So much of its size a motion may be off by what the projector makes of the levels, standard deviation.
+    pub response: f64,
 }
 
 /// How far what a camera sees moved, against the uncertainty of its phase.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Motion {
-    /// Root mean square of the frames' shifts about their mean, in phase, rad, less noise; the least, since some shifts look like light that changes.
+    /// Root mean square of the frames' shifts about their mean, in phase, rad, less noise; where they are small the least, since some look like light that
+    /// changes.
     pub rms_rad: f64,
     /// How far the fringes went during the sequence, rad: a steady drift extrapolated to all of its frames, or a step, whichever explains the shifts better.
     pub drift_rad: f64,
@@ -69,8 +72,7 @@ pub struct Motion {
 }
 
 impl StepMotion {
-    /// Of the frames of even steps. `left` of the light's changes, over the level, may be in the frames: each shifts the fringes of its frame by as much at
-    /// most.
+    /// Of the frames of even steps. `left` of the light's changes, over the level, may be in the frames: each shifts the fringes of its frame by some as much.
     pub(super) fn of_shifts(plan: &SinePlan, shifts: &Shifts, left: f64) -> Self {
         let steps = shifts.rad.len();
         let told = Told { plan, without_light: shifts.without_light };
@@ -80,10 +82,13 @@ impl StepMotion {
         let square = dot(&rad[..steps], &rad[..steps]);
         let noise = shifts.noise_rad * shifts.noise_rad;
         let (explained, freedom) = (shifts.explained.0, shifts.explained.1 as f64);
+        // N shifts share the noise of N − 3; where all count, A and φ of the pixels take half of what the lowest harmonics tell, and simple motions live there.
+        let n = steps as f64;
+        let of_one = noise * if shifts.without_light { n / (n - 3.0) } else { 2.0 };
         Self {
             rms_rad: (square / steps as f64 - noise - left * left).max(0.0).sqrt(),
             certain: explained > freedom + CERTAIN * (2.0 * freedom).sqrt(),
-            way: told.way(&rad[..steps], noise + left * left),
+            way: told.way(&rad[..steps], [of_one, left * left], shifts.response),
         }
     }
 }
@@ -109,8 +114,8 @@ impl Told<'_> {
         }
     }
 
-    /// The steady drift, or the step between two frames, that explains the shifts best; each of them has this variance.
-    fn way(&self, rad: &[f64], variance: f64) -> Way {
+    /// The steady drift, or the step between two frames, that explains the shifts best; each of them has this variance by noise and by light.
+    fn way(&self, rad: &[f64], [noise, light]: [f64; 2], response: f64) -> Way {
         let steps = rad.len();
         let rounded = ROUNDED * (2.0 / self.plan.period_px.max(1.0)).sqrt();
         let of = |shape: &dyn Fn(usize) -> f64| {
@@ -126,12 +131,13 @@ impl Told<'_> {
         let stepped = (1..steps).map(|from| of(&move |i| f64::from(u8::from(i >= from))));
         let step = stepped.min_by(|a, b| a.2.total_cmp(&b.2));
         // The best of many steps explains a part of any noise.
-        let doubt = CERTAIN * CERTAIN * (variance + rounded * rounded);
+        let doubt = CERTAIN * CERTAIN * (noise + rounded * rounded);
         let step = step.filter(|step| step.2 + doubt < drift.2);
         let (share, span, rest) = step.unwrap_or(drift);
         // What the simple motion leaves makes it uncertain.
         let freedom = (steps as f64 - if self.without_light { 4.0 } else { 2.0 }).max(1.0);
-        let u_rad = ((variance.max(rest / freedom) + rounded * rounded) / span).sqrt();
+        let scattered = ((noise + light).max(rest / freedom) + rounded * rounded) / span;
+        let u_rad = (scattered + (response * share) * (response * share)).sqrt();
         Way { rad: share, u_rad, goes_on: step.is_none() }
     }
 }

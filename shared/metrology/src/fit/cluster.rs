@@ -6,7 +6,7 @@
 //! G/(G − 1) · (n − 1)/(n − p) for few cells.
 //!
 //! The scatter of few points is itself uncertain. A standard uncertainty u is stated so that ± 2 u holds 95.45 % all the same: the scatter times t(n − p)
-//! over that of a normal distribution (GUM G.3), which is 1.25 for six degrees of freedom and 1.003 for four hundred.
+//! over that of a normal distribution (GUM G.3), which is 1.26 for six degrees of freedom and 1.003 for four hundred.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};

@@ -25,7 +25,7 @@ mod subspace;
 use super::between_steps::between_steps;
 use super::motion::StepMotion;
 use crate::wrapped::LeastSquares;
-use columns::nominal_columns;
+use columns::{Column, nominal_columns};
 pub use finding::{Fault, Finding, Remedy};
 use moved_steps::MovedSteps;
 use rows::fit;
@@ -41,12 +41,11 @@ pub(super) struct Repair {
     pub findings: Vec<Finding>,
     /// Weights of all frames; zero for those left out.
     pub fit: LeastSquares,
-    /// How the fringes moved during the set, where the faults let it be seen.
-    pub motion: Option<StepMotion>,
 }
 
-/// Looks for faults in the frames of a complete set; `None` where there are none, or too many to do without.
-pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
+/// How the fringes moved during the set, and what is done about faults in its frames; no repair where there are none, or too many to do without.
+pub(super) fn inspect(samples: &Samples) -> (Option<Repair>, Option<StepMotion>) {
+    let nothing = |light: &Steadied| (None, between_steps(samples, light));
     let (plan, steps) = (samples.plan(), samples.steps());
     let nominal = nominal_columns(plan);
     let found = |step: Option<usize>, fault| {
@@ -60,23 +59,26 @@ pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
     let without = |findings: Vec<Finding>| {
         let bad =
             |step: usize| findings.iter().any(|found| found.step == Some(step) && !found.is_fatal(steps));
-        Some(Repair { fit: fit(&nominal, steps, bad)?, findings, motion: None })
+        (fit(&nominal, steps, bad).map(|fit| Repair { findings, fit }), None)
+    };
+    let of_all = |columns: &[Column; 3], fault| {
+        let findings = vec![found(None, fault)];
+        fit(columns, steps, |_| false).map(|fit| Repair { findings, fit })
     };
     let unsteady = |moved: &MovedSteps| {
-        let findings = vec![found(None, Fault::Unsteady(moved.deviation_rad))];
-        Some(Repair { fit: fit(&moved.columns, steps, |_| false)?, findings, motion: Some(moved.motion) })
+        (of_all(&moved.columns, Fault::Unsteady(moved.deviation_rad)), Some(moved.motion))
     };
     if steps <= moments::MOST_STEPS
         && let Some((step, fault)) = moments::wrong_frame(samples)
     {
         return without(vec![found(step, fault)]);
     }
-    let rows = samples.rows()?;
+    let Some(rows) = samples.rows() else { return nothing(&Steadied::NOTHING) };
     if steps > moments::MOST_STEPS {
         let faults = rows.frames().iter().enumerate().filter_map(|(step, row)| Some((step, row.fault()?)));
         let findings: Vec<Finding> = faults.map(|(step, fault)| found(Some(step), fault)).collect();
         if findings.len() > (steps / BAD_FRAMES).max(1) {
-            return None;
+            return nothing(&Steadied::NOTHING);
         }
         if !findings.is_empty() {
             let is_left_out = |step: usize| findings.iter().any(|found| found.step == Some(step));
@@ -86,11 +88,12 @@ pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
             };
         }
     }
-    let light = samples.changing_light(&rows)?;
+    let Some(light) = samples.changing_light(&rows) else { return nothing(&Steadied::NOTHING) };
+    if !light.is_fault {
+        return nothing(&light.steadied);
+    }
     if let Some(moved) = samples.moved_instead(&rows, rows.excess(&light.columns)) {
         return unsteady(&moved);
     }
-    let motion = between_steps(samples, &light.steadied);
-    let findings = vec![found(None, Fault::Flicker(light.deviation))];
-    Some(Repair { fit: fit(&light.columns, steps, |_| false)?, findings, motion })
+    (of_all(&light.columns, Fault::Flicker(light.deviation)), between_steps(samples, &light.steadied))
 }

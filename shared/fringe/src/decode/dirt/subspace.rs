@@ -45,6 +45,8 @@ pub(super) struct ChangingLight {
     pub deviation: f64,
     /// What takes its changes out of the frames.
     pub steadied: Steadied,
+    /// Whether it changes so much that it is told and normalised.
+    pub is_fault: bool,
 }
 
 /// Pixels of one phase in a tile: how many, and sums of r = √(C² + S²)/A and of the phase's direction.
@@ -109,7 +111,7 @@ impl Samples<'_> {
         Some(Rows { steps, nominal, basis, columns, frames, power })
     }
 
-    /// The light that changes from frame to frame; `None` where it does not.
+    /// How the light changes from frame to frame; `None` where it changes by more than a light does.
     pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
         let Rows { nominal, columns, .. } = rows;
         let steps = self.steps();
@@ -125,7 +127,7 @@ impl Samples<'_> {
         levels[..steps].iter_mut().for_each(|level| *level /= mean);
         let most = levels[..steps].iter().map(|level| (level - 1.0).abs()).fold(0.0, f64::max);
         let still = standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt());
-        if (still <= STANDING_FLICKER && most <= FLICKER) || most > MOST_FLICKER {
+        if most > MOST_FLICKER {
             return None;
         }
         // Room light adds to all fringes, an exposure scales them: what leaves less is taken.
@@ -141,7 +143,8 @@ impl Samples<'_> {
         }
         let variance = best.1[..steps].iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
         let deviation = (variance / (steps as f64 - 1.0)).sqrt();
-        Some(ChangingLight { columns: best.0, deviation, steadied: of_levels(&best.1, deviation) })
+        let is_fault = still > STANDING_FLICKER || most > FLICKER;
+        Some(ChangingLight { columns: best.0, deviation, steadied: of_levels(&best.1, deviation), is_fault })
     }
 
     /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos

@@ -47,7 +47,7 @@ fn predicted_sigma_meets_the_scatter() {
     }
 }
 
-/// Of 2000 fits with six degrees of freedom 9.3 % would lie outside of twice the scatter that their points show; ± 2 u leaves 4.55 %, known to 0.5 %.
+/// Of 2000 fits with six degrees of freedom 9.2 % would lie outside of twice the scatter that their points show; ± 2 u leaves 4.55 %, known to 0.5 %.
 #[test]
 fn twice_the_uncertainty_holds_of_few_points_too() {
     for (count, correlation) in
