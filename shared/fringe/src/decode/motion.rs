@@ -30,7 +30,7 @@ pub(super) struct StepMotion {
     way: Way,
 }
 
-/// A simple motion.
+/// A simple way in which fringes go: steadily, or once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Way {
     /// How far the fringes went, rad: a frame, or once.
