@@ -182,6 +182,11 @@ struct Sums {
     weights: f64,
 }
 
+/// An element of Q: what A, B and φ of a pixel leave of two frames, the same one or two with steps so far apart.
+fn beside_the_pixel(is_same: bool, apart_rad: f64, steps: f64) -> f64 {
+    f64::from(u8::from(is_same)) - (1.0 + 2.0 * cos(apart_rad)) / steps
+}
+
 /// Rows and columns of the steps.
 type Square = [Steps; MAX_STEPS];
 
@@ -196,7 +201,7 @@ impl Sums {
         let mut out = [[[0.0; MAX_STEPS]; MAX_STEPS]; 3];
         for (i, a) in shifts_rad.iter().enumerate() {
             for (j, b) in shifts_rad.iter().enumerate() {
-                let taken = f64::from(u8::from(i == j)) - (1.0 + 2.0 * cos(a - b)) / steps;
+                let taken = beside_the_pixel(i == j, a - b, steps);
                 let ((sa, ca), (sb, cb)) = (sincos(*a), sincos(*b));
                 let ((sum_sin, sum_cos), (sin, cosine)) = (sincos(a + b), sincos(a - b));
                 let along = c2 * sum_cos + s2 * sum_sin;
@@ -253,8 +258,7 @@ impl Sums {
             .map(|i| {
                 let mut one = [0.0; MAX_STEPS];
                 for (j, value) in one[..n].iter_mut().enumerate() {
-                    let apart = plan.shifts_rad[i] - plan.shifts_rad[j];
-                    *value = f64::from(u8::from(i == j)) - (1.0 + 2.0 * cos(apart)) / steps;
+                    *value = beside_the_pixel(i == j, plan.shifts_rad[i] - plan.shifts_rad[j], steps);
                 }
                 let own = solved(lower, n, &one);
                 (0..n).map(|j| own[j] * (0..n).map(|k| matrix[j][k] * own[k]).sum::<f64>()).sum::<f64>()
@@ -265,7 +269,7 @@ impl Sums {
         let shifts = Shifts {
             rad: &shifts[..n],
             noise_rad: noise.max(0.0).sqrt(),
-            explained: (explained / noise_dn2, n - 1),
+            explained: explained / noise_dn2,
             without_light: true,
             // Whole fringes count alike.
             response: 0.0,

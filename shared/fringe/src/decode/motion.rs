@@ -47,8 +47,8 @@ pub(super) struct Shifts<'a> {
     pub rad: &'a [f64],
     /// Standard deviation of one of them by noise, rad.
     pub noise_rad: f64,
-    /// The square of what they explain over the variance of the noise, and how many of them it is of.
-    pub explained: (f64, usize),
+    /// The square of what they explain over the variance of the noise.
+    pub explained: f64,
     /// Whether those that look like light which changes are left out.
     pub without_light: bool,
     /// So much of its size a motion may be off by what the projector makes of the levels, standard deviation.
@@ -81,13 +81,13 @@ impl StepMotion {
         told.leave(&mut rad[..steps]);
         let square = dot(&rad[..steps], &rad[..steps]);
         let noise = shifts.noise_rad * shifts.noise_rad;
-        let (explained, freedom) = (shifts.explained.0, shifts.explained.1 as f64);
         // N shifts share the noise of N − 3; where all count, A and φ of the pixels take half of what the lowest harmonics tell, and simple motions live there.
         let n = steps as f64;
+        let freedom = n - 1.0;
         let of_one = noise * if shifts.without_light { n / (n - 3.0) } else { 2.0 };
         Self {
-            rms_rad: (square / steps as f64 - noise - left * left).max(0.0).sqrt(),
-            certain: explained > freedom + CERTAIN * (2.0 * freedom).sqrt(),
+            rms_rad: (square / n - noise - left * left).max(0.0).sqrt(),
+            certain: shifts.explained > freedom + CERTAIN * (2.0 * freedom).sqrt(),
             way: told.way(&rad[..steps], [of_one, left * left], shifts.response),
         }
     }

@@ -4,7 +4,7 @@
 //! a light that changes, or like a wrong frame. So the rows of this kind are sought that lie nearest to the columns which the pixels share: rows of the kind and
 //! what the columns hold of them, by turns. Where they leave far less unexplained than light or a wrong frame do, the fringes moved.
 
-use super::columns::{Column, dot, nominal_columns, solver};
+use super::columns::{Column, dot, solver};
 use super::rows::Rows;
 use super::samples::Samples;
 use super::subspace::nearest;
@@ -51,14 +51,14 @@ impl Samples<'_> {
         let counted = self.count() as f64;
         let unexplained = rows.unexplained(&columns);
         let noise = unexplained / (steps as f64 - 3.0) / counted;
-        let explained = (rows.unexplained(&nominal_columns(self.plan())) - unexplained) / noise;
+        let explained = (rows.unexplained(&rows.nominal) - unexplained) / noise;
         // A pixel at the phase φ shows a shift by B sin(φ − δ), whose square is half of B² in the mean.
         let noise_rad2 = 2.0 * noise / (power[1] + power[2]).max(f64::MIN_POSITIVE);
         let deviation_rad = (dot(&shifts_rad, &shifts_rad, steps) / steps as f64).sqrt();
         let shifts = Shifts {
             rad: &shifts_rad[..steps],
             noise_rad: noise_rad2.sqrt(),
-            explained: (explained, steps - 1),
+            explained,
             without_light: false,
             response: RESPONSE,
         };
