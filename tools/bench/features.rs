@@ -7,14 +7,19 @@ use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
 use super::scan::{decoded, joined};
 use crate::Outcome;
+use crate::measure::OpenFootprints;
+use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
+use fringe::geometry::rig::{Named, Rig};
+use fringe::math::random::{Key, normal_quantile};
+use fringe::sensor::{Footprint, Sensor};
 use metrology::inspection::{Feature, FeatureResult, evaluate};
-use rayon::prelude::*;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use twin::{Twin, TwinSettings};
 
@@ -29,6 +34,9 @@ pub struct Args {
     /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
     #[arg(long, value_name = "PX", default_value_t = 0.577)]
     footprint_px: f64,
+    /// Standard uncertainty of that footprint: the decoder takes another one for each camera and trial, and the stated uncertainty holds it.
+    #[arg(long, value_name = "PX", default_value_t = 0.0, value_parser = |text: &str| within(text, 0.0..=0.2))]
+    u_footprint_px: f64,
     /// How many of the trials are also measured without noise, for single points.
     #[arg(long, value_name = "N", default_value_t = 3)]
     point_trials: u64,
@@ -45,7 +53,7 @@ struct Trial {
     error: f64,
     /// With the rig as it truly is: by the pictures alone.
     error_points: f64,
-    /// What the calibration changes of the same pictures.
+    /// What the calibration changes of the same pictures, the footprints of the cameras included.
     error_calibration: f64,
     /// By the scatter of the points, and by the calibration.
     u_points: f64,
@@ -98,19 +106,26 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let seed = args.seed + trial;
         let calibrated = Calibrated::new(&cell, seed)?;
         let settings = TwinSettings { seed, ..TwinSettings::default() };
-        let maps = |settings: TwinSettings| {
+        let sensors = args.sensors(&cell.rig, seed);
+        let maps = |settings: TwinSettings, sensors: &BTreeMap<String, Sensor>| {
             let twin = Twin::new(&bench.scene, settings, &cell.rig)?;
-            decoded(&twin, &cell.rig, &bench.sequence, trial, &decode)
+            let by_camera = |camera: &str| match sensors.get(camera) {
+                Some(sensor) => DecodeSettings { footprint_px: None, sensor: *sensor, ..decode.clone() },
+                None => decode.clone(),
+            };
+            decoded(&twin, &cell.rig, &bench.sequence, trial, &by_camera)
         };
-        let seen = maps(settings.clone())?;
+        let seen = maps(settings.clone(), &sensors)?;
+        // With the footprints that the cameras have, where others were taken.
+        let right = if sensors.is_empty() { None } else { Some(maps(settings.clone(), &BTreeMap::new())?) };
         let scanned = joined(&seen, &calibrated.rig)?;
         if trial < args.point_trials {
             let quiet = TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..settings };
-            points.extend(ratio(&scanned, &joined(&maps(quiet)?, &calibrated.rig)?));
+            points.extend(ratio(&scanned, &joined(&maps(quiet, &sensors)?, &calibrated.rig)?));
         }
-        let shares = shares(&bench, &calibrated, &scanned.points)?;
+        let shares = shares(&bench, &calibrated, &sensors, &scanned.points)?;
         let result = evaluate(&bench.plan, &scanned.points);
-        let by_points = evaluate(&bench.plan, &joined(&seen, &cell.rig)?.points);
+        let by_points = evaluate(&bench.plan, &joined(right.as_ref().unwrap_or(&seen), &cell.rig)?.points);
         let features = result.features.iter().zip(&by_points.features);
         for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(shares) {
             let known = truth.get(&found.name).map(|truth| truth.value);
@@ -126,14 +141,40 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The calibration's share in each feature.
-fn shares(bench: &Bench, calibrated: &Calibrated, points: &[Point]) -> Result<Vec<Option<f64>>> {
+impl Args {
+    /// Footprints that a calibration might have found instead of the true ones; none where they are certain.
+    fn sensors(&self, rig: &Rig, seed: u64) -> BTreeMap<String, Sensor> {
+        if self.u_footprint_px == 0.0 {
+            return BTreeMap::new();
+        }
+        let drawn = |(number, camera): (usize, &Named)| {
+            let off = self.u_footprint_px * normal_quantile(Key::new(400_000 + seed).open(number as u64));
+            let sigma_px = [(self.footprint_px + off).max(0.0); 2];
+            let footprint = Footprint { sigma_px, u_px: Some([self.u_footprint_px; 2]), field_px2: 0.0 };
+            (camera.name.clone(), Sensor { footprint: Some(footprint), ..Sensor::default() })
+        };
+        rig.cameras.iter().enumerate().map(drawn).collect()
+    }
+}
+
+/// The calibration's share in each feature, that of footprints included.
+fn shares(
+    bench: &Bench,
+    calibrated: &Calibrated,
+    sensors: &BTreeMap<String, Sensor>,
+    points: &[Point],
+) -> Result<Vec<Option<f64>>> {
     let values = |points: &[Point]| -> Vec<Option<f64>> {
         evaluate(&bench.plan, points).features.iter().map(|feature| feature.value).collect()
     };
     let here = values(points);
     let modes = calibrated.modes()?;
-    let moved: Vec<Vec<Option<f64>>> = modes.par_iter().map(|mode| values(&mode.moved(points))).collect();
+    let footprints = if sensors.is_empty() {
+        OpenFootprints::default()
+    } else {
+        OpenFootprints::new(&calibrated.rig, sensors, points)
+    };
+    let moved = footprints.with_modes(&modes, 1.0, points, values);
     let share = |index: usize| {
         let value = here[index]?;
         let squares = moved.iter().map(|moved| moved[index].map(|moved| (moved - value) * (moved - value)));

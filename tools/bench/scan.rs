@@ -33,23 +33,24 @@ pub fn scan_with(
     cycle: u64,
     settings: &DecodeSettings,
 ) -> Result<Scan> {
-    joined(&decoded(twin, rig, sequence, cycle, settings)?, rig)
+    joined(&decoded(twin, rig, sequence, cycle, &|_| settings.clone())?, rig)
 }
 
 /// The phases that both cameras of a pair see.
 pub type PairMaps = [Vec<PhaseMap>; 2];
 
-/// Renders and decodes what the cameras of all pairs see, in the order of the rig's pairs.
+/// Renders and decodes what the cameras of all pairs see, in the order of the rig's pairs; each camera has settings of its own.
 pub fn decoded(
     twin: &Twin,
     rig: &Rig,
     sequence: &[PatternSet],
     cycle: u64,
-    settings: &DecodeSettings,
+    settings: &impl Fn(&str) -> DecodeSettings,
 ) -> Result<Vec<PairMaps>> {
     let pairs = rig.pairs.iter().map(|pair| {
-        let maps =
-            |camera: &str| decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, settings);
+        let maps = |camera: &str| {
+            decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, &settings(camera))
+        };
         Ok([maps(&pair.left)?, maps(&pair.right)?])
     });
     pairs.collect()

@@ -1,11 +1,15 @@
 //! What the calibration of the rig adds to the uncertainty of each feature.
 
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{PARAMETERS, modes};
+use characterise::calibration::{Mode, PARAMETERS, modes};
+use characterise::sensor::FootprintEffect;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
+use fringe::geometry::rig::Rig;
+use fringe::sensor::Sensor;
 use metrology::inspection::{InspectionResult, Plan, evaluate};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Parts of a mode that are tried, the whole one first.
@@ -20,6 +24,17 @@ pub fn with_calibration(
 ) -> Result<(InspectionResult, Vec<Option<f64>>, RigFile)> {
     let rig_file = read_rig(rig)?;
     let shares = shares(plan, points, &rig_file)?;
+    let unknown =
+        cameras_of_pairs(&rig_file.rig).filter(|name| rig_file.rig.sensor(name).footprint.is_none());
+    let unknown: Vec<&str> = unknown.collect();
+    if !unknown.is_empty() {
+        eprintln!(
+            "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what a lens in focus may have; \
+             `fringetool calibrate` finds it",
+            rig.display(),
+            unknown.join(", ")
+        );
+    }
     // The verdict of the plan with the share beside its own u_system.
     let mut judged = plan.clone();
     for (feature, share) in judged.features.iter_mut().zip(&shares) {
@@ -33,7 +48,42 @@ pub fn with_calibration(
     Ok((result, shares, rig_file))
 }
 
-/// Root of the sum of squares over the modes of the covariance, for each feature.
+/// What a calibration leaves open of the cameras' footprints: the effect of each, and the standard uncertainty of its variance, px².
+#[derive(Default)]
+pub struct OpenFootprints(Vec<(FootprintEffect, f64)>);
+
+impl OpenFootprints {
+    /// Of all cameras of the pairs, on their cloud; `sensors` says what is known of each.
+    pub fn new(rig: &Rig, sensors: &BTreeMap<String, Sensor>, points: &[Point]) -> Self {
+        let open = cameras_of_pairs(rig).map(|name| {
+            let known = sensors.get(name).copied().unwrap_or_default();
+            (FootprintEffect::of(rig, name, points), known.footprint_u_px2())
+        });
+        Self(open.collect())
+    }
+
+    /// The points as they would be, for each camera, by a part of its uncertainty; and as the modes of the calibration make them: of
+    /// each of these clouds, what is asked of it.
+    pub fn with_modes<T: Send>(
+        &self,
+        modes: &[Mode],
+        part: f64,
+        points: &[Point],
+        asked: impl Fn(&[Point]) -> T + Sync,
+    ) -> Vec<T> {
+        let by_mode = modes.par_iter().map(|mode| asked(&mode.moved(points)));
+        let by_footprint = self.0.par_iter().map(|(effect, u)| asked(&effect.moved(points, part * u)));
+        by_mode.chain(by_footprint).collect()
+    }
+}
+
+/// Names of the cameras that take part in a pair.
+fn cameras_of_pairs(rig: &Rig) -> impl Iterator<Item = &str> {
+    let paired = |name: &str| rig.pairs.iter().any(|pair| pair.left == name || pair.right == name);
+    rig.cameras.iter().map(|camera| camera.name.as_str()).filter(move |name| paired(name))
+}
+
+/// Root of the sum of squares over the modes of the covariance and the footprints of the cameras, for each feature.
 pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<Option<f64>>> {
     let path = rig_file.path.display();
     let Some(covariance) = rig_file.read_covariance()? else {
@@ -60,6 +110,7 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
         evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
     };
     let here = values(points);
+    let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), points);
     let mut shares = vec![None; here.len()];
     // A mode so large that a feature is lost says nothing of it; a part of the mode does.
     for part in PARTS {
@@ -72,7 +123,7 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
         let modes = modes(&rig_file.rig, &covariance.devices, count, &smaller).with_context(|| {
             format!("{path}: a pair has a view that {} does not hold", covariance.path.display())
         })?;
-        let moved: Vec<Vec<Option<f64>>> = modes.par_iter().map(|mode| values(&mode.moved(points))).collect();
+        let moved = footprints.with_modes(&modes, part, points, values);
         for index in open {
             let by = |moved: &Vec<Option<f64>>| Some(((moved[index]? - here[index]?) / part).powi(2));
             shares[index] = moved.iter().map(by).sum::<Option<f64>>().map(f64::sqrt);
@@ -95,60 +146,103 @@ mod tests {
     use files::hash::sha256_hex;
     use files::plan_file::read_plan;
     use files::rig_file::{CovarianceRef, covariance_beside};
+    use fringe::sensor::Footprint;
+
+    /// What a calibration adds to the diameter of a ball, mm: variances of the focal lengths along x of all cameras, and what the rig file
+    /// states beside them.
+    fn share_of_a_ball(variance: f64, sensors: &BTreeMap<String, Sensor>, points: &[Point]) -> Result<f64> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rig.toml");
+        let mut demo =
+            read_rig(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo-rig.toml")).unwrap();
+        let size = 2 * demo.rig.cameras.len();
+        let at = |i: usize, j: usize| if i == j && i.is_multiple_of(2) { variance } else { 0.0 };
+        let names: Vec<&str> = demo.rig.cameras.iter().map(|camera| camera.name.as_str()).collect();
+        let matrix: Vec<Vec<f64>> = (0..size).map(|i| (0..size).map(|j| at(i, j)).collect()).collect();
+        let known = sensors.iter().filter_map(|(name, sensor)| Some((name, sensor.footprint?.u_px?)));
+        let known = known.map(|(name, u)| (name.clone(), serde_json::json!({ "u_footprint_px": u })));
+        let text = serde_json::json!({
+            "format": "fringecell-covariance/1", "devices": names, "parameters": PARAMETERS[..2], "matrix": matrix,
+            "sensors": known.collect::<serde_json::Map<_, _>>(),
+        })
+        .to_string();
+        std::fs::write(covariance_beside(&path), &text).unwrap();
+        let reference =
+            CovarianceRef { file: "rig.covariance.json".into(), sha256: sha256_hex(text.as_bytes()) };
+        demo.rig.sensors = sensors.clone();
+        let rig_file = RigFile { path, covariance: Some(reference), ..demo };
+        let plan = folder.path().join("ball.plan.toml");
+        std::fs::write(
+            &plan,
+            "format = \"fringecell-plan/1\"\nname = \"ball\"\n[[element]]\nkind = \"sphere\"\nname = \"s\"\n\
+             center_mm = [0.0, 0.0, 0.0]\ndiameter_mm = 20.0\nmargin_mm = 1.0\nmin_points = 10\n[[feature]]\n\
+             kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
+        )
+        .unwrap();
+        Ok(shares(&read_plan(&plan).unwrap().0, points, &rig_file)?[0].unwrap())
+    }
+
+    fn ball_point(out: [f64; 3]) -> Point {
+        Point {
+            position_mm: out.map(|v| 10.0 * v),
+            normal: out.map(|v| v as f32),
+            sigma_mm: 0.01,
+            modulation: 80.0,
+            pair: 0,
+            pixel: 0,
+            shared_mm: 0.0,
+        }
+    }
 
     /// Proves: a covariance ten thousand times as large gives a share a hundred times as large, although its modes move the sphere out of its
     /// region; one that moves it whatever part is taken is refused with the feature.
     #[test]
     fn a_share_is_found_however_large_the_covariance_is() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("rig.toml");
-        let demo = read_rig(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo-rig.toml")).unwrap();
-        let share = |factor: f64| {
-            // Of the focal lengths along x of all cameras.
-            let size = 2 * demo.rig.cameras.len();
-            let variance =
-                |i: usize, j: usize| if i == j && i.is_multiple_of(2) { factor * 1e-3 } else { 0.0 };
-            let names: Vec<&str> = demo.rig.cameras.iter().map(|camera| camera.name.as_str()).collect();
-            let matrix: Vec<Vec<f64>> =
-                (0..size).map(|i| (0..size).map(|j| variance(i, j)).collect()).collect();
-            let text = serde_json::json!({
-                "format": "fringecell-covariance/1", "devices": names, "parameters": PARAMETERS[..2], "matrix": matrix,
-            })
-            .to_string();
-            std::fs::write(covariance_beside(&path), &text).unwrap();
-            let reference =
-                CovarianceRef { file: "rig.covariance.json".into(), sha256: sha256_hex(text.as_bytes()) };
-            let rig_file = RigFile { path: path.clone(), covariance: Some(reference), ..demo.clone() };
-            let plan = folder.path().join("ball.plan.toml");
-            std::fs::write(
-                &plan,
-                "format = \"fringecell-plan/1\"\nname = \"ball\"\n[[element]]\nkind = \"sphere\"\nname = \"s\"\n\
-                 center_mm = [0.0, 0.0, 0.0]\ndiameter_mm = 20.0\nmargin_mm = 1.0\nmin_points = 10\n[[feature]]\n\
-                 kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
-            )
-            .unwrap();
-            // Half a sphere that both cameras see, turned about its axis.
-            let point = |i: usize| {
-                let (z, turn) = (-0.1 - 0.8 * i as f64 / 400.0, 2.4 * i as f64);
-                let (sin, cos) = fringe::math::sincos(turn);
-                let ring = (1.0 - z * z).sqrt();
-                let out = [ring * cos, ring * sin, z];
-                Point {
-                    position_mm: out.map(|v| 10.0 * v),
-                    normal: out.map(|v| v as f32),
-                    sigma_mm: 0.01,
-                    modulation: 80.0,
-                    pair: 0,
-                    pixel: 0,
-                    shared_mm: 0.0,
-                }
-            };
-            let points: Vec<Point> = (0..400).map(point).collect();
-            shares(&read_plan(&plan).unwrap().0, &points, &rig_file)
+        // Half a sphere that both cameras see, turned about its axis.
+        let point = |i: usize| {
+            let (z, turn) = (-0.1 - 0.8 * i as f64 / 400.0, 2.4 * i as f64);
+            let (sin, cos) = fringe::math::sincos(turn);
+            let ring = (1.0 - z * z).sqrt();
+            ball_point([ring * cos, ring * sin, z])
         };
-        let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap()[0].unwrap());
+        let points: Vec<Point> = (0..400).map(point).collect();
+        let share = |factor: f64| share_of_a_ball(factor * 1e-3, &BTreeMap::new(), &points);
+        let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap());
         assert!(small > 1e-4 && (0.5..2.0).contains(&(large / small / 100.0)), "{small} mm, {large} mm");
         let refused = share(1e20).unwrap_err().to_string();
         assert!(refused.contains("feature \"d\" so far that it cannot be measured"), "{refused}");
+    }
+
+    /// Proves: the uncertainty of the footprints is part of the share, in proportion, beside that of the geometry; of cameras of which
+    /// no footprint is known it is that of any lens in focus.
+    #[test]
+    fn the_footprints_of_the_cameras_take_part() {
+        let demo = read_rig(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo-rig.toml")).unwrap();
+        let left = demo.rig.camera("cam1").unwrap();
+        // The ball as the left camera sees it, where it is seen at less than 50°.
+        let mut points = Vec::new();
+        for pixel in 0..left.width_px * left.height_px {
+            let at =
+                nalgebra::Point2::new(f64::from(pixel % left.width_px), f64::from(pixel / left.width_px));
+            let Some(ray) = left.ray(at) else { continue };
+            let half = ray.origin_mm.coords.dot(&ray.direction);
+            let root = half * half - ray.origin_mm.coords.norm_squared() + 100.0;
+            let place = ray.origin_mm + ray.direction * (-half - root.max(0.0).sqrt());
+            if root > 0.0 && place.coords.dot(&ray.direction) < -6.4 {
+                points.push(ball_point((place.coords / 10.0).into()));
+            }
+        }
+        let share = |u_px: f64| {
+            let footprint = Footprint { sigma_px: [0.5; 2], u_px: Some([u_px; 2]), field_px2: 0.0 };
+            let sensor = Sensor { footprint: Some(footprint), ..Sensor::default() };
+            let sensors = demo.rig.cameras.iter().map(|camera| (camera.name.clone(), sensor)).collect();
+            share_of_a_ball(1e-6, &sensors, &points).unwrap()
+        };
+        let alone = share(0.0);
+        let [small, large] = [0.01, 0.03].map(|u_px| (share(u_px).powi(2) - alone * alone).sqrt());
+        assert!(small > 1e-5 && (large / small / 3.0 - 1.0).abs() < 0.01, "{small} mm, {large} mm");
+        let unknown = share_of_a_ball(1e-6, &BTreeMap::new(), &points).unwrap();
+        // Variances of 0.12 px² and of 2 · 0.5 · 0.01 px².
+        assert!((unknown / small / 12.0 - 1.0).abs() < 0.02, "{unknown} mm, {small} mm");
     }
 }

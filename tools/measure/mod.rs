@@ -6,8 +6,8 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
-pub use calibration_share::shares as calibration_shares;
 use calibration_share::with_calibration;
+pub use calibration_share::{OpenFootprints, shares as calibration_shares};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
@@ -24,8 +24,8 @@ pub struct Args {
     plan: PathBuf,
     /// Point cloud (PLY or E57), lengths in mm.
     cloud: PathBuf,
-    /// Rig file that the cloud was made with: the covariance of its calibration joins the uncertainty of each feature. It fits every
-    /// feature some ten times for each camera.
+    /// Rig file that the cloud was made with: the covariance of its calibration and the uncertainty of its cameras' footprints join
+    /// that of each feature. It fits every feature some ten times for each camera.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Write the result as JSON to this file (`-`: standard output): features, elements and the pose of the part.

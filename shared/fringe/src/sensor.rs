@@ -36,6 +36,13 @@ pub struct Footprint {
 /// Mean over a picture of the squared distance from its middle over that of its corner, whatever its sides.
 pub const MEAN_FIELD: f64 = 1.0 / 3.0;
 
+/// What is known of a lens in focus before any frame is asked: variance of its footprint (the area of a pixel and 0.2 to 0.5 px), px².
+pub(crate) const USUAL_LENS_PX2: f64 = 0.2;
+
+/// Its standard uncertainty, px². The frames outweigh it where they show slopes and little noise; it holds the estimate
+/// where light between surfaces, which steep places get more of, bends the line.
+pub(crate) const USUAL_LENS_U_PX2: f64 = 0.12;
+
 /// Standard uncertainty of a footprint that comes without one, px: what a lens differs by over its field and depth.
 const USUAL_U_PX: f64 = 0.02;
 
@@ -72,6 +79,12 @@ pub struct Sensor {
 }
 
 impl Sensor {
+    /// Standard uncertainty of the variance of the footprint that the decoder takes off, px²; of a camera without one, at most
+    /// that of a lens in focus, since each recording finds its own.
+    pub fn footprint_u_px2(&self) -> f64 {
+        self.footprint.map_or(USUAL_LENS_U_PX2, |footprint| footprint.variance_px2().1)
+    }
+
     /// Whether nothing is known.
     pub fn is_unknown(&self) -> bool {
         self.footprint.is_none() && self.noise.is_none()

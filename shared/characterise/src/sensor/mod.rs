@@ -5,7 +5,9 @@
 //! picture shows them badly.
 
 mod footprint;
+mod footprint_effect;
 mod photon_transfer;
 
 pub use footprint::{FootprintEstimate, footprint};
+pub use footprint_effect::FootprintEffect;
 pub use photon_transfer::{NoiseEstimate, photon_transfer};

@@ -20,11 +20,11 @@ use super::Decoder;
 use super::bounce_cells::{CELL, Cells, Light, Seen, memory};
 use super::bounce_window;
 use super::contrast_bins::Reflectance;
-use super::footprint::{LENS_PX2, LENS_U_PX2};
 use super::roles::SineKind;
 use super::sensor_test::SCENE_U_PX2;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
+use crate::sensor::{USUAL_LENS_PX2, USUAL_LENS_U_PX2};
 use fearless_simd::Level;
 use rayon::prelude::*;
 
@@ -144,9 +144,9 @@ impl Decoder {
         let reflectance = Reflectance { rasters: &self.rasters, levels, clipped_dn: self.clipped_dn };
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
-        let footprint_px2 = footprint_px.map_or(LENS_PX2, |px| px * px) as f32;
+        let footprint_px2 = footprint_px.map_or(USUAL_LENS_PX2, |px| px * px) as f32;
         // What light between surfaces and the second order leave of a footprint that is known.
-        let u_footprint_px2 = if footprint_px.is_some() { SCENE_U_PX2 } else { LENS_U_PX2 };
+        let u_footprint_px2 = if footprint_px.is_some() { SCENE_U_PX2 } else { USUAL_LENS_U_PX2 };
         let light = Light { reflectance, noise, steps, footprint_px2, u_footprint_px2 };
         let most_rad = self.settings.max_bounce_rad as f32;
         self.bounce.find(out, self.footprint.smooth(), &light, most_rad, self.level)

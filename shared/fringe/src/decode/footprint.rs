@@ -33,7 +33,7 @@ use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::{loaded, put, vectorised};
 use crate::phase::PhaseViewMut;
-use crate::sensor::MEAN_FIELD;
+use crate::sensor::{MEAN_FIELD, USUAL_LENS_PX2, USUAL_LENS_U_PX2};
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat};
 use rayon::prelude::*;
 
@@ -42,11 +42,6 @@ const LAPLACIAN_MIDDLE: f64 = -8.0 / 70.0;
 const LAPLACIAN_POWER: f64 = 8.0 / 70.0;
 /// Fewer pixels in a group of a bin say nothing.
 const LEAST_IN_GROUP: u32 = 20;
-/// What is known before the frames are asked: the area of a pixel (1/12 px²) and a lens in focus (0.2 to 0.5 px), and
-/// its standard uncertainty. The frames outweigh it where they show slopes and little noise; it holds the estimate
-/// where light between surfaces, which steep places get more of, bends the line.
-pub(super) const LENS_PX2: f64 = 0.2;
-pub(super) const LENS_U_PX2: f64 = 0.12;
 /// A variance below this, px², moves no phase that could be measured.
 const LEAST_PX2: f64 = 0.005;
 /// Beyond this the expansion to second order does not hold and the image is out of focus.
@@ -79,8 +74,9 @@ pub struct Line {
 impl Line {
     /// Joined with what is known of lenses; `None` where it moves no phase.
     pub fn joined_px2(self) -> Option<f64> {
-        let (measured, known) = (1.0 / (self.u_px2 * self.u_px2), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
-        let variance_px2 = (measured * self.variance_px2 + known * LENS_PX2) / (measured + known);
+        let (measured, known) =
+            (1.0 / (self.u_px2 * self.u_px2), 1.0 / (USUAL_LENS_U_PX2 * USUAL_LENS_U_PX2));
+        let variance_px2 = (measured * self.variance_px2 + known * USUAL_LENS_PX2) / (measured + known);
         (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
     }
 }
@@ -313,7 +309,7 @@ impl Decoder {
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
         // What the frames say comes with the derivatives; until then it is the footprint of the usual lens.
-        let expected = Expected { shape, variance_px2: known_px2.unwrap_or(LENS_PX2) as f32 };
+        let expected = Expected { shape, variance_px2: known_px2.unwrap_or(USUAL_LENS_PX2) as f32 };
         let seen = self.footprint.survey(out, reflectance, expected, self.level);
         let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
         if let Some(variance_px2) = variance_px2 {
