@@ -34,6 +34,7 @@ mod check_rig;
 mod cmm_compare;
 mod cmm_plan;
 mod compare;
+mod contradicted_footprints;
 mod convert;
 mod correct_rig;
 mod decode;

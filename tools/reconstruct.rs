@@ -7,6 +7,7 @@ pub use pairs::{projector_pairs, why_absent};
 use task::{Task, task};
 
 use crate::Outcome;
+use crate::contradicted_footprints;
 use crate::decode::{lines, missing};
 use crate::filters::{FilterLine, Filters};
 use crate::phase_method::{PhaseArgs, PhaseName};
@@ -155,7 +156,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             seen.join("; ")
         );
     }
-    write_cloud(args, &recording, &task, &fused)?;
+    write_cloud(args, &recording, (&task, &done.views), &fused)?;
     if let Some(path) = &args.map {
         for written in why::write(path, &done.views, &done.pairs)? {
             println!("what became of each pixel: {}", written.display());
@@ -293,7 +294,12 @@ fn join(clouds: &[PairCloud], settings: &Settings) -> (Vec<Point>, FusionReport)
     (fused, fusion)
 }
 
-fn write_cloud(args: &Args, recording: &Recording, task: &Task, points: &[Point]) -> Result<()> {
+fn write_cloud(
+    args: &Args,
+    recording: &Recording,
+    (task, views): (&Task, &[DecodedView]),
+    points: &[Point],
+) -> Result<()> {
     let software = format!("fringetool {}", env!("CARGO_PKG_VERSION"));
     let folder = recording.folder.display().to_string();
     let mut comments = vec![("rig_sha256", task.rig.sha256.as_str())];
@@ -304,6 +310,9 @@ fn write_cloud(args: &Args, recording: &Recording, task: &Task, points: &[Point]
         ("method", task.method),
         ("software", software.as_str()),
     ]);
+    let contradicted = contradicted_footprints::found(views);
+    let contradicted = (!contradicted.is_empty()).then(|| serde_json::json!(contradicted).to_string());
+    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::KEY, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 

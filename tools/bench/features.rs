@@ -7,6 +7,7 @@ use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
 use super::scan::{decoded, joined};
 use crate::Outcome;
+use crate::contradicted_footprints::Contradicted;
 use crate::measure::OpenFootprints;
 use crate::numbers::within;
 use crate::progress::Progress;
@@ -172,7 +173,7 @@ fn shares(
     let footprints = if sensors.is_empty() {
         OpenFootprints::default()
     } else {
-        OpenFootprints::new(&calibrated.rig, sensors, points)
+        OpenFootprints::new(&calibrated.rig, sensors, &Contradicted::new(), points)
     };
     let moved = footprints.with_modes(&modes, 1.0, points, values);
     let share = |index: usize| {

@@ -1,5 +1,6 @@
 //! What the calibration of the rig adds to the uncertainty of each feature.
 
+use crate::contradicted_footprints::Contradicted;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{Mode, PARAMETERS, modes};
 use characterise::sensor::FootprintEffect;
@@ -21,9 +22,10 @@ pub fn with_calibration(
     plan: &Plan,
     points: &[Point],
     rig: &Path,
+    contradicted: &Contradicted,
 ) -> Result<(InspectionResult, Vec<Option<f64>>, RigFile)> {
     let rig_file = read_rig(rig)?;
-    let shares = shares(plan, points, &rig_file)?;
+    let shares = shares(plan, points, &rig_file, contradicted)?;
     let unknown =
         cameras_of_pairs(&rig_file.rig).filter(|name| rig_file.rig.sensor(name).footprint.is_none());
     let unknown: Vec<&str> = unknown.collect();
@@ -48,22 +50,34 @@ pub fn with_calibration(
     Ok((result, shares, rig_file))
 }
 
-/// What a calibration leaves open of the cameras' footprints: the effect of each, and the standard uncertainty of its variance, px².
+/// What is open of the cameras' footprints: effects, and the standard uncertainty of the change that each belongs to, px².
 #[derive(Default)]
 pub struct OpenFootprints(Vec<(FootprintEffect, f64)>);
 
 impl OpenFootprints {
-    /// Of all cameras of the pairs, on their cloud; `sensors` says what is known of each.
-    pub fn new(rig: &Rig, sensors: &BTreeMap<String, Sensor>, points: &[Point]) -> Self {
-        let open = cameras_of_pairs(rig).map(|name| {
+    /// Of all cameras of the pairs, on their cloud; `sensors` says what is known of each. What the frames say against it counts as
+    /// one more: all these footprints may be wrong by what is seen of each.
+    pub fn new(
+        rig: &Rig,
+        sensors: &BTreeMap<String, Sensor>,
+        contradicted: &Contradicted,
+        points: &[Point],
+    ) -> Self {
+        let (mut open, mut off) = (Vec::new(), Vec::new());
+        for name in cameras_of_pairs(rig) {
             let known = sensors.get(name).copied().unwrap_or_default();
-            (FootprintEffect::of(rig, name, points), known.footprint_u_px2())
-        });
-        Self(open.collect())
+            let effect = FootprintEffect::of(rig, name, points);
+            off.extend(contradicted.get(name).map(|off_px2| (effect.clone(), *off_px2)));
+            open.push((effect, known.footprint_u_px2()));
+        }
+        if !off.is_empty() {
+            open.push((FootprintEffect::together(&off), 1.0));
+        }
+        Self(open)
     }
 
-    /// The points as they would be, for each camera, by a part of its uncertainty; and as the modes of the calibration make them: of
-    /// each of these clouds, what is asked of it.
+    /// The points as the modes of the calibration make them, and as each footprint would by a part of its uncertainty: of each of these
+    /// clouds, what is asked of it.
     pub fn with_modes<T: Send>(
         &self,
         modes: &[Mode],
@@ -84,7 +98,12 @@ fn cameras_of_pairs(rig: &Rig) -> impl Iterator<Item = &str> {
 }
 
 /// Root of the sum of squares over the modes of the covariance and the footprints of the cameras, for each feature.
-pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<Option<f64>>> {
+pub fn shares(
+    plan: &Plan,
+    points: &[Point],
+    rig_file: &RigFile,
+    contradicted: &Contradicted,
+) -> Result<Vec<Option<f64>>> {
     let path = rig_file.path.display();
     let Some(covariance) = rig_file.read_covariance()? else {
         bail!("{path}: names no covariance; `fringetool calibrate` writes one beside the rig file");
@@ -110,7 +129,7 @@ pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<O
         evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
     };
     let here = values(points);
-    let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), points);
+    let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), contradicted, points);
     let mut shares = vec![None; here.len()];
     // A mode so large that a feature is lost says nothing of it; a part of the mode does.
     for part in PARTS {
@@ -150,7 +169,11 @@ mod tests {
 
     /// What a calibration adds to the diameter of a ball, mm: variances of the focal lengths along x of all cameras, and what the rig file
     /// states beside them.
-    fn share_of_a_ball(variance: f64, sensors: &BTreeMap<String, Sensor>, points: &[Point]) -> Result<f64> {
+    fn share_of_a_ball(
+        variance: f64,
+        (sensors, contradicted): (&BTreeMap<String, Sensor>, &Contradicted),
+        points: &[Point],
+    ) -> Result<f64> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rig.toml");
         let mut demo =
@@ -179,7 +202,7 @@ mod tests {
              kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
         )
         .unwrap();
-        Ok(shares(&read_plan(&plan).unwrap().0, points, &rig_file)?[0].unwrap())
+        Ok(shares(&read_plan(&plan).unwrap().0, points, &rig_file, contradicted)?[0].unwrap())
     }
 
     fn ball_point(out: [f64; 3]) -> Point {
@@ -206,7 +229,8 @@ mod tests {
             ball_point([ring * cos, ring * sin, z])
         };
         let points: Vec<Point> = (0..400).map(point).collect();
-        let share = |factor: f64| share_of_a_ball(factor * 1e-3, &BTreeMap::new(), &points);
+        let share =
+            |factor: f64| share_of_a_ball(factor * 1e-3, (&BTreeMap::new(), &Contradicted::new()), &points);
         let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap());
         assert!(small > 1e-4 && (0.5..2.0).contains(&(large / small / 100.0)), "{small} mm, {large} mm");
         let refused = share(1e20).unwrap_err().to_string();
@@ -232,17 +256,24 @@ mod tests {
                 points.push(ball_point((place.coords / 10.0).into()));
             }
         }
-        let share = |u_px: f64| {
+        let share = |u_px: f64, contradicted: &Contradicted| {
             let footprint = Footprint { sigma_px: [0.5; 2], u_px: Some([u_px; 2]), field_px2: 0.0 };
             let sensor = Sensor { footprint: Some(footprint), ..Sensor::default() };
             let sensors = demo.rig.cameras.iter().map(|camera| (camera.name.clone(), sensor)).collect();
-            share_of_a_ball(1e-6, &sensors, &points).unwrap()
+            share_of_a_ball(1e-6, (&sensors, contradicted), &points).unwrap()
         };
-        let alone = share(0.0);
-        let [small, large] = [0.01, 0.03].map(|u_px| (share(u_px).powi(2) - alone * alone).sqrt());
+        let none = Contradicted::new();
+        let alone = share(0.0, &none);
+        let [small, large] = [0.01, 0.03].map(|u_px| (share(u_px, &none).powi(2) - alone * alone).sqrt());
         assert!(small > 1e-5 && (large / small / 3.0 - 1.0).abs() < 0.01, "{small} mm, {large} mm");
-        let unknown = share_of_a_ball(1e-6, &BTreeMap::new(), &points).unwrap();
+        let unknown = share_of_a_ball(1e-6, (&BTreeMap::new(), &none), &points).unwrap();
         // Variances of 0.12 px² and of 2 · 0.5 · 0.01 px².
         assert!((unknown / small / 12.0 - 1.0).abs() < 0.02, "{unknown} mm, {small} mm");
+        // What the frames of one camera contradict counts beside it.
+        let off = Contradicted::from([("cam1".to_owned(), -0.3)]);
+        let less = Contradicted::from([("cam1".to_owned(), 0.1)]);
+        let [off, less] =
+            [off, less].map(|contradicted| (share(0.0, &contradicted).powi(2) - alone * alone).sqrt());
+        assert!(less > small && (off / less / 3.0 - 1.0).abs() < 0.01, "{off} mm, {less} mm");
     }
 }

@@ -3,6 +3,7 @@
 mod calibration_share;
 
 use crate::Outcome;
+use crate::contradicted_footprints;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
@@ -72,10 +73,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&flags, &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
+    let contradicted = contradicted_footprints::of_cloud(&cloud, &args.cloud)?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
     let (result, shares) = match &args.rig {
         Some(rig) => {
-            let (result, shares, file) = with_calibration(&plan, &cloud.points, rig)?;
+            let (result, shares, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
             if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
                 eprintln!(
                     "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
@@ -88,7 +90,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
             provenance = provenance.rig(&file.sha256);
             (result, Some(shares))
         }
-        None => (evaluate(&plan, &cloud.points), None),
+        None => {
+            contradicted_footprints::warn(&contradicted, &args.cloud);
+            (evaluate(&plan, &cloud.points), None)
+        }
     };
     let mut all = machine_readable(args, cloud.points.len(), &result)?;
     for (feature, share) in all["features"].as_array_mut().into_iter().flatten().zip(shares.iter().flatten())

@@ -1,6 +1,7 @@
 //! The expected uncertainty of features: the plan on predicted clouds.
 
 use super::task::Task;
+use crate::contradicted_footprints::Contradicted;
 use crate::measure::calibration_shares;
 use crate::progress::Progress;
 use anyhow::Result;
@@ -43,7 +44,7 @@ pub(super) fn features(task: &Task, trials: u32) -> Result<Option<Vec<ExpectedFe
     }
     let (found, first) = trials_of(task, plan, trials)?;
     let shares = if task.rig_file.covariance.is_some() {
-        Some(calibration_shares(plan, &first, &task.rig_file)?)
+        Some(calibration_shares(plan, &first, &task.rig_file, &Contradicted::new())?)
     } else {
         None
     };

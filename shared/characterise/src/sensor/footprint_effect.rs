@@ -59,6 +59,15 @@ impl FootprintEffect {
         Self(along_mm)
     }
 
+    /// What happens where the footprints of several cameras change together, each by its part of one px².
+    pub fn together(parts: &[(Self, f64)]) -> Self {
+        let count = parts.iter().map(|(effect, _)| effect.0.len()).max().unwrap_or(0);
+        let at = |i: usize| {
+            parts.iter().map(|(effect, part)| effect.0.get(i).copied().unwrap_or(0.0) * part).sum()
+        };
+        Self((0..count).map(at).collect())
+    }
+
     /// The points where the variance of the footprint is larger by so much, px², than what was taken off.
     pub fn moved(&self, points: &[Point], change_px2: f64) -> Vec<Point> {
         let one = |(point, along_mm): (&Point, &f64)| {

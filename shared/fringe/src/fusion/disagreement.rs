@@ -5,6 +5,8 @@
 //! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong. Neighbours
 //! share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred view and
 //! a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
+//! Pairs that share a camera take its noise in opposite directions, mostly, so that their distances scatter by more than both state. How much
+//! more is asked of the distances about the mean of their block, which neither light nor a rig that is off changes much.
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
@@ -23,6 +25,14 @@ const LIKELY: f64 = 2.0;
 const CERTAIN: f64 = 5.0;
 /// Fewer points of a block say nothing.
 const LEAST: f64 = 16.0;
+/// Blocks that are asked how far distances scatter, at most and at least.
+const ASKED: usize = 255;
+const LEAST_ASKED: usize = 20;
+/// What distances scatter by about the mean of their block, over the stated variance, where smoothed neighbours share noise and pairs do not:
+/// 1.2 of seven eighths, and the median of that many is 0.91 of the mean.
+const USUAL_SCATTER: f64 = 1.2 * 0.875 * 0.91;
+/// Errors of two pairs that are the opposite of each other have distances of twice the stated variance, and nothing makes more of noise.
+const MOST_NOISE: f64 = 2.0;
 /// Cells that are judged as one part.
 const CELLS: usize = 1024;
 
@@ -30,6 +40,8 @@ const CELLS: usize = 1024;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Compared {
     count: f64,
+    /// Sum of the distances, mm.
+    sum: f64,
     /// Sum of the squared distances, Σ d², mm².
     squares: f64,
     /// Sum of the stated variances, Σ u², mm².
@@ -52,6 +64,7 @@ impl Compared {
     pub fn add(&mut self, distance: f64, u2: f64, radius_mm: f64) {
         if u2 > 0.0 && u2 < radius_mm * radius_mm {
             self.count += 1.0;
+            self.sum += distance;
             self.squares += distance * distance;
             self.stated += u2;
         }
@@ -59,6 +72,18 @@ impl Compared {
 
     fn disagrees(&self, ratio: f64) -> bool {
         self.squares > ratio * self.stated
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.squares += other.squares;
+        self.stated += other.stated;
+    }
+
+    /// What the distances scatter by about their mean, over the stated variance.
+    fn scatter(&self) -> f64 {
+        (self.squares - self.sum * self.sum / self.count) / self.stated
     }
 }
 
@@ -76,27 +101,55 @@ impl Comparison<'_> {
     /// Adds the cells of both clouds in which they disagree; `parts` is memory.
     pub fn find(&self, parts: &mut Vec<Vec<Raised>>, raised: &mut Vec<Raised>) {
         let (own, other) = (self.own.1, self.other.1);
+        let noise = self.noise();
         let [of_own, of_other] = [own, other].map(|cells| cells.len().div_ceil(CELLS));
         parts.resize_with(parts.len().max(of_own + of_other), Vec::new);
         let parts = &mut parts[..of_own + of_other];
         parts.par_iter_mut().enumerate().for_each(|(part, raised)| {
             raised.clear();
             if part < of_own {
-                self.judge(own, part * CELLS, |cell| Some(self.compared[cell]), raised);
+                self.judge((own, part * CELLS), noise, |cell| Some(self.compared[cell]), raised);
             } else {
                 // Where the first cloud has points as well, the cell is judged as its own.
                 let only_there = |cell| own.find(other.key(cell)).is_none().then(Compared::default);
-                self.judge(other, (part - of_own) * CELLS, only_there, raised);
+                self.judge((other, (part - of_own) * CELLS), noise, only_there, raised);
             }
         });
         raised.extend(parts.iter().flatten());
     }
 
-    /// Adds those of some cells from `first` on in which the clouds disagree. `shown`: what a cell shows; `None` where it is not judged.
+    /// The variance of distances by noise, over what it usually is of the stated one: 1 where pairs share no camera.
+    fn noise(&self) -> f64 {
+        let own = self.own.1;
+        if own.len() < LEAST_ASKED {
+            return 1.0;
+        }
+        let mut near = Surroundings::<9>::from(self.grid, own, own.key(0));
+        let (mut found, mut count) = ([0.0; ASKED], 0);
+        for cell in (0..own.len()).step_by(own.len().div_ceil(ASKED)) {
+            if self.compared[cell].count < 1.0 {
+                continue;
+            }
+            let block = self.within(&near.rows(own, own.key(cell)));
+            if block.count >= LEAST && block.stated > 0.0 {
+                found[count] = block.scatter();
+                count += 1;
+            }
+        }
+        let found = &mut found[..count];
+        if count < LEAST_ASKED {
+            return 1.0;
+        }
+        let (_, median, _) = found.select_nth_unstable_by(count / 2, f64::total_cmp);
+        (*median / USUAL_SCATTER).clamp(1.0, MOST_NOISE)
+    }
+
+    /// Adds those of some cells from `first` on in which the clouds disagree beyond noise. `shown`: what a cell shows; `None` where it is
+    /// not judged.
     fn judge(
         &self,
-        cells: &Cells,
-        first: usize,
+        (cells, first): (&Cells, usize),
+        noise: f64,
         shown: impl Fn(usize) -> Option<Compared>,
         raised: &mut Vec<Raised>,
     ) {
@@ -106,51 +159,57 @@ impl Comparison<'_> {
         for cell in first..(first + CELLS).min(cells.len()) {
             let Some(compared) = shown(cell) else { continue };
             let is_silent = compared.count < 1.0;
-            if !is_silent && !compared.disagrees(LIKELY) {
+            if !is_silent && !compared.disagrees(LIKELY * noise) {
                 continue;
             }
             let key = cells.key(cell);
             let rows = near.rows(own, key);
             let disagree =
-                |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY));
+                |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY * noise));
             if is_silent && !rows.iter().any(disagree) {
                 continue;
             }
-            if let Some(block) = self.disagreeing(key, &rows, &mut wide) {
-                self.raise(key, if is_silent { &block } else { &compared }, raised);
+            if let Some(block) = self.disagreeing(key, noise, &rows, &mut wide) {
+                self.raise(key, noise, if is_silent { &block } else { &compared }, raised);
             }
         }
     }
 
     /// What a cell and the 26 around it show together, where that is a disagreement.
-    fn disagreeing(&self, key: u64, rows: &[Range<usize>], wide: &mut Surroundings<25>) -> Option<Compared> {
+    fn disagreeing(
+        &self,
+        key: u64,
+        noise: f64,
+        rows: &[Range<usize>],
+        wide: &mut Surroundings<25>,
+    ) -> Option<Compared> {
         let block = self.within(rows);
-        if block.count < LEAST || !block.disagrees(LIKELY) {
+        if block.count < LEAST || !block.disagrees(LIKELY * noise) {
             return None;
         }
         let mut confirmed = || {
-            let Compared { count, squares, stated } = self.within(&wide.rows(self.own.1, key));
-            let (count, squares, stated) =
-                (count - block.count, squares - block.squares, stated - block.stated);
-            count >= LEAST && Compared { count, squares, stated }.disagrees(LIKELY)
+            let all = self.within(&wide.rows(self.own.1, key));
+            let around = Compared {
+                count: all.count - block.count,
+                sum: all.sum - block.sum,
+                squares: all.squares - block.squares,
+                stated: all.stated - block.stated,
+            };
+            around.count >= LEAST && around.disagrees(LIKELY * noise)
         };
-        (block.disagrees(CERTAIN) || confirmed()).then_some(block)
+        (block.disagrees(CERTAIN * noise) || confirmed()).then_some(block)
     }
 
     /// What the cells of some rows show.
     fn within(&self, rows: &[Range<usize>]) -> Compared {
         let mut sum = Compared::default();
-        for Compared { count, squares, stated } in rows.iter().flat_map(|row| &self.compared[row.clone()]) {
-            sum.count += count;
-            sum.squares += squares;
-            sum.stated += stated;
-        }
+        rows.iter().flat_map(|row| &self.compared[row.clone()]).for_each(|compared| sum.join(compared));
         sum
     }
 
     /// Adds the cells of both clouds at a key with the surplus of what was compared.
-    fn raise(&self, key: u64, compared: &Compared, raised: &mut Vec<Raised>) {
-        let excess_mm2 = 0.5 * (compared.squares - compared.stated) / compared.count;
+    fn raise(&self, key: u64, noise: f64, compared: &Compared, raised: &mut Vec<Raised>) {
+        let excess_mm2 = 0.5 * (compared.squares - noise * compared.stated) / compared.count;
         for (cloud, cells) in [self.own, self.other] {
             let cell = cells.find(key).map(|cell| (cloud, cell));
             raised.extend(cell.map(|cell| Raised { cell, excess_mm2 }));

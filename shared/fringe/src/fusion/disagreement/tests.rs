@@ -217,3 +217,36 @@ fn what_reaches_further_than_shared_noise_is_told_from_it() {
     assert!(false_alarms < 120_000 / 40, "{false_alarms}");
     assert!(f64::from(told) > 0.95 * f64::from(wrong), "{told} of {wrong}");
 }
+
+/// Proves: pairs that share a camera, whose noise moves them in opposite directions, do not disagree by that, and a place that is raised by six
+/// standard deviations is told beside such noise.
+#[test]
+fn opposite_noise_of_pairs_that_share_a_camera_is_no_disagreement() {
+    let sigma = 0.01;
+    // Half of the variance by either camera.
+    let pair = |f: &dyn Fn(f64, f64) -> (f64, [f64; 3]), shift: f64, (shared, sign): (u64, f64), own: u64| {
+        let by = |sigma_mm: f64, seed: u64| smoothed(f, shift, sigma_mm * f64::sqrt(2.0), seed);
+        let (mut points, other) = (by(sign * sigma, shared), by(sigma, own));
+        for (point, other) in points.iter_mut().zip(other) {
+            point.position_mm = nalgebra::center(&point.position(), &other.position()).into();
+            point.sigma_mm = sigma as f32;
+        }
+        points
+    };
+    let (mut told, mut all) = (0, 0);
+    for seed in 0..8 {
+        let [shared, own, third] = [0, 100, 200].map(|first| first + seed);
+        let first = pair(&plane(0.0), 0.0, (shared, 1.0), own);
+        let (report, out) = fused(&[&first, &pair(&plane(0.0), 0.07, (shared, -1.0), third)]);
+        (told, all) = (told + report.disagreeing, all + out.len());
+        let (_, out) = fused(&[&first, &pair(&raised_place(6.0 * sigma), 0.07, (shared, -1.0), third)]);
+        let inside: Vec<&Point> = out
+            .iter()
+            .filter(|p| (1.5..6.5).contains(&p.position_mm[0]) && p.position_mm[1].abs() < 3.5)
+            .collect();
+        let raised = inside.iter().filter(|p| p.shared_mm > 0.0).count();
+        assert!(raised as f64 > 0.9 * inside.len() as f64, "seed {seed}: {raised} of {}", inside.len());
+    }
+    // A feature takes 5 % as noise; with the thresholds of pairs that share no camera there are 11 %.
+    assert!(f64::from(told) < 0.05 * all as f64, "{told} of {all} points");
+}
