@@ -9,6 +9,7 @@ alone, without noise, moves by more than three of the uncertainties stated witho
 that of the same pixel without bounce. A false alarm of `max_bounce_rad` is a point of the picture without bounce that it flags or leaves out; one of the second
 witness, that pairs disagree, is a point there with a raised uncertainty that is within two of the uncertainties that its pair alone states. Needs numpy.
 """
+import json
 import os
 import re
 import tomllib
@@ -153,10 +154,11 @@ def main():
                         run("rm", "-rf", name)
                         run(args.fringetool, "simulate", config, "--out", name)
                     ply = f"{name}-{limit}.ply"
-                    told = run(args.fringetool, "reconstruct", "--config", config, name, "--out", ply, "--force")
+                    told = f"{name}-{limit}.json"
+                    run(args.fringetool, "reconstruct", "--config", config, name, "--out", ply, "--json", told, "--force")
                     found[clean, rays, limit] = planes(views(ply, rig))
-                    at = re.search(r"pairs disagree .* at (\d+) points", told)
-                    disagreeing[clean, rays, limit] = int(at[1]) if at else 0
+                    with open(told) as file:
+                        disagreeing[clean, rays, limit] = json.load(file)["fusion"]["disagreeing"]
         ideal = found[True, 0, 0.0]
         rms = {}
         for rays in (0, args.rays):

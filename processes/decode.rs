@@ -55,6 +55,9 @@ struct Counts<'a> {
     bounce_masked: usize,
     /// Blur that was removed, px; null where none was found.
     footprint_px: Option<f64>,
+    /// By how much the variance that the frames show differs from that of the rig file, px², where they contradict it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    footprint_off_px2: Option<f64>,
     ignored: &'a [String],
     /// Faults of the frames, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -174,6 +177,7 @@ impl Decode {
             bounce_raised: report.bounced.raised,
             bounce_masked: report.bounced.masked,
             footprint_px: report.footprint_px,
+            footprint_off_px2: report.sensor.footprint_off_px2(),
             ignored: &report.ignored,
             order: report.order,
             motion: report.motion,

@@ -97,7 +97,7 @@ impl PartFiles {
         atomic::create_dir(&making)?;
         write_json(&making.join("result.json"), result)?;
         if result.is_ok() {
-            run_files::cloud(&making.join("cloud.ply"), &self.cell, &scan.points)?;
+            run_files::cloud(&making.join("cloud.ply"), &self.cell, &scan.points, Some(result))?;
         }
         let history = History { spans: scan.spans.clone().into(), ..History::default() };
         let run = RunFiles {

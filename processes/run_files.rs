@@ -12,6 +12,7 @@ use cell::executor::method_name;
 use cell::schedule::label;
 use devices::LoadedCell;
 use files::atomic;
+use files::contradicted_footprints::{self, Contradicted};
 use files::ply::write_cloud;
 use files::result::{CycleResult, write_json};
 use files::trace::{TraceCycle, TraceSpan, write_trace};
@@ -59,22 +60,37 @@ pub struct RunFiles<'a> {
 pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
     trace(&folder.join("trace.json"), run.cell, run.history)?;
     if let Some(points) = run.points {
-        cloud(&folder.join("cloud.ply"), run.cell, points)?;
+        let measured = run.results.iter().rev().find(|result| result.is_ok());
+        cloud(&folder.join("cloud.ply"), run.cell, points, measured)?;
     }
     report(folder, run)
 }
 
-/// Writes the fused cloud.
-pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point]) -> Result<()> {
+/// Writes the fused cloud, with what the frames of its cycle contradict.
+pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&CycleResult>) -> Result<()> {
     let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
-    let comments = [
+    let contradicted = result.map(contradicted).and_then(|all| contradicted_footprints::comment(&all));
+    let mut comments = vec![
         ("rig_sha256", cell.file.rig_sha256.as_str()),
         ("config_sha256", &cell.file.sha256),
         ("cell", &cell.name),
         ("method", method_name(&cell.config.rig)),
         ("version", &software),
     ];
+    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)
+}
+
+/// The footprints that the frames of a cycle contradict.
+fn contradicted(result: &CycleResult) -> Contradicted {
+    let mut all = Contradicted::new();
+    for (output, report) in &result.reports {
+        let camera = output.strip_prefix("phase/").and_then(|rest| rest.split('/').next());
+        if let (Some(camera), Some(off_px2)) = (camera, report["footprint_off_px2"].as_f64()) {
+            contradicted_footprints::add(&mut all, camera, off_px2);
+        }
+    }
+    all
 }
 
 /// Writes the times of all stages.

@@ -41,6 +41,28 @@ fn the_ideal_twin_gives_true_spheres() {
             centre(&one).iter().zip(centre(&two)).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         assert!((spacing_mm - 112.447).abs() < 1e-3, "{method}: spacing {spacing_mm} mm");
     }
+    a_footprint_that_frames_contradict_goes_with_the_cloud(&folder);
+}
+
+/// Of the same recording, whose pictures no lens has blurred: the cloud says which camera of its rig file has another footprint, and who
+/// measures on it without the rig is warned.
+fn a_footprint_that_frames_contradict_goes_with_the_cloud(folder: &TempDir) {
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let rig = std::fs::read_to_string(root().join("configs/demo-rig.toml")).unwrap();
+    let blurred = rig.replacen("name = \"cam2\"\n", "name = \"cam2\"\nfootprint_px = [1.2, 1.2]\n", 1);
+    std::fs::write(path("blurred.toml"), blurred).unwrap();
+    let told = |rig: &str| {
+        let cloud = path("told.ply");
+        let reconstruct = ["reconstruct", "--rig", rig, "--out", &cloud, "--force", &path("rec")];
+        fringetool(&reconstruct).expect_success();
+        let header = String::from_utf8_lossy(&std::fs::read(&cloud).unwrap()[..1000]).into_owned();
+        let measured = fringetool(&["measure", "configs/complex-artefact.plan.toml", &cloud]);
+        (header.contains("comment footprint_off_px2: {\"cam2\":-1."), measured.stderr)
+    };
+    let (named, warning) = told(&path("blurred.toml"));
+    assert!(named && warning.contains("another footprint of cam2 than its rig file"), "{warning}");
+    let (named, warning) = told("configs/demo-rig.toml");
+    assert!(!named && warning.is_empty(), "{warning}");
 }
 
 fn cell_without_scatter(folder: &TempDir) -> String {

@@ -34,7 +34,6 @@ mod check_rig;
 mod cmm_compare;
 mod cmm_plan;
 mod compare;
-mod contradicted_footprints;
 mod convert;
 mod correct_rig;
 mod decode;

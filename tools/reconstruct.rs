@@ -7,7 +7,6 @@ pub use pairs::{projector_pairs, why_absent};
 use task::{Task, task};
 
 use crate::Outcome;
-use crate::contradicted_footprints;
 use crate::decode::{lines, missing};
 use crate::filters::{FilterLine, Filters};
 use crate::phase_method::{PhaseArgs, PhaseName};
@@ -17,6 +16,7 @@ use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
 use cell::executor::{Matched, PairMatcher, PhaseMethod, Views};
+use files::contradicted_footprints::{self, Contradicted};
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
@@ -310,9 +310,13 @@ fn write_cloud(
         ("method", task.method),
         ("software", software.as_str()),
     ]);
-    let contradicted = contradicted_footprints::found(views);
-    let contradicted = (!contradicted.is_empty()).then(|| serde_json::json!(contradicted).to_string());
-    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::KEY, text.as_str())));
+    let mut contradicted = Contradicted::new();
+    for view in views {
+        let off = view.maps.iter().filter_map(|decoded| decoded.report.sensor.footprint_off_px2());
+        off.for_each(|off_px2| contradicted_footprints::add(&mut contradicted, &view.camera, off_px2));
+    }
+    let contradicted = contradicted_footprints::comment(&contradicted);
+    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 

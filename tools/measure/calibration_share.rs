@@ -1,9 +1,9 @@
 //! What the calibration of the rig adds to the uncertainty of each feature.
 
-use crate::contradicted_footprints::Contradicted;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{Mode, PARAMETERS, modes};
 use characterise::sensor::FootprintEffect;
+use files::contradicted_footprints::Contradicted;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::geometry::rig::Rig;

@@ -3,12 +3,12 @@
 mod calibration_share;
 
 use crate::Outcome;
-use crate::contradicted_footprints;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use calibration_share::with_calibration;
 pub use calibration_share::{OpenFootprints, shares as calibration_shares};
+use files::contradicted_footprints::{self, Contradicted};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
@@ -17,7 +17,7 @@ use metrology::verdict::Verdict;
 use report::Formats;
 use report::part::{PartInput, write_part};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -73,7 +73,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&flags, &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
-    let contradicted = contradicted_footprints::of_cloud(&cloud, &args.cloud)?;
+    let contradicted = contradicted_footprints::of_cloud(&cloud).with_context(|| {
+        format!(
+            "{}: comment {} names no cameras with px²: reconstruct the cloud again",
+            args.cloud.display(),
+            contradicted_footprints::COMMENT
+        )
+    })?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
     let (result, shares) = match &args.rig {
         Some(rig) => {
@@ -91,7 +97,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             (result, Some(shares))
         }
         None => {
-            contradicted_footprints::warn(&contradicted, &args.cloud);
+            warn(&contradicted, &args.cloud);
             (evaluate(&plan, &cloud.points), None)
         }
     };
@@ -114,6 +120,19 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Says what a result without `--rig` does not hold.
+fn warn(contradicted: &Contradicted, path: &Path) {
+    if !contradicted.is_empty() {
+        let names: Vec<&str> = contradicted.keys().map(String::as_str).collect();
+        eprintln!(
+            "warning: {}: its frames show another footprint of {} than its rig file, which the uncertainties do not hold: look at focus \
+             and dirt, or take it in with --rig",
+            path.display(),
+            names.join(", ")
+        );
+    }
 }
 
 /// Writes the reports that are wanted.

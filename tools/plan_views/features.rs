@@ -1,11 +1,11 @@
 //! The expected uncertainty of features: the plan on predicted clouds.
 
 use super::task::Task;
-use crate::contradicted_footprints::Contradicted;
 use crate::measure::calibration_shares;
 use crate::progress::Progress;
 use anyhow::Result;
 use cell::executor::{PairMatcher, Views};
+use files::contradicted_footprints::Contradicted;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
 use fringe::phase::PhaseMap;

@@ -10,6 +10,7 @@ pub mod bundled;
 pub mod clock;
 pub mod cmm;
 pub mod config;
+pub mod contradicted_footprints;
 pub mod correction;
 pub mod csv_table;
 mod culprit;

@@ -49,6 +49,12 @@ pub struct SensorTest {
 }
 
 impl SensorTest {
+    /// By how much the variance of the footprint differs from that of the calibration, px², where the frames contradict it.
+    pub fn footprint_off_px2(&self) -> Option<f64> {
+        let test = self.footprint.filter(|test| test.contradicts)?;
+        Some(test.seen_px * test.seen_px - test.known_px * test.known_px)
+    }
+
     /// What contradicts the calibration, each with its numbers; `camera` is named.
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let footprint = self.footprint.filter(|test| test.contradicts).map(|test| {
