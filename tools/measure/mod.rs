@@ -81,25 +81,22 @@ pub fn run(args: &Args) -> Result<Outcome> {
         )
     })?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
-    let (result, shares) = match &args.rig {
-        Some(rig) => {
-            let (result, shares, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
-            if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
-                eprintln!(
-                    "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
+    let (result, shares) = if let Some(rig) = &args.rig {
+        let (result, shares, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
+        if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
+            eprintln!(
+                "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
                      are of the same calibration",
-                    args.cloud.display(),
-                    rig.display(),
-                    file.sha256
-                );
-            }
-            provenance = provenance.rig(&file.sha256);
-            (result, Some(shares))
+                args.cloud.display(),
+                rig.display(),
+                file.sha256
+            );
         }
-        None => {
-            warn(&contradicted, &args.cloud);
-            (evaluate(&plan, &cloud.points), None)
-        }
+        provenance = provenance.rig(&file.sha256);
+        (result, Some(shares))
+    } else {
+        warn(&contradicted, &args.cloud);
+        (evaluate(&plan, &cloud.points), None)
     };
     let mut all = machine_readable(args, cloud.points.len(), &result)?;
     for (feature, share) in all["features"].as_array_mut().into_iter().flatten().zip(shares.iter().flatten())
