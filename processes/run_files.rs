@@ -86,7 +86,7 @@ fn contradicted(result: &CycleResult) -> Contradicted {
     let mut all = Contradicted::new();
     for (output, report) in &result.reports {
         let camera = output.strip_prefix("phase/").and_then(|rest| rest.split('/').next());
-        if let (Some(camera), Some(off_px2)) = (camera, report["footprint_off_px2"].as_f64()) {
+        if let (Some(camera), Some(off_px2)) = (camera, report[contradicted_footprints::COMMENT].as_f64()) {
             contradicted_footprints::add(&mut all, camera, off_px2);
         }
     }

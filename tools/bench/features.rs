@@ -11,7 +11,7 @@ use crate::measure::OpenFootprints;
 use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use files::contradicted_footprints::Contradicted;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
@@ -99,6 +99,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ..DecodeSettings::default()
     };
     decode.check()?;
+    if args.u_footprint_px > 0.0 && args.footprint_px < 3.0 * args.u_footprint_px {
+        bail!(
+            "--u-footprint-px {}: must be at most a third of --footprint-px, {}, since footprints are drawn about it",
+            args.u_footprint_px,
+            args.footprint_px
+        );
+    }
     let truth = bench.scene.truth();
     let mut trials: Vec<Vec<Trial>> = vec![Vec::new(); bench.plan.features.len()];
     let mut points = Vec::new();

@@ -16,6 +16,9 @@ use std::path::Path;
 /// Parts of a mode that are tried, the whole one first.
 const PARTS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 
+/// Share of the points of a camera of which the effect of its footprint has to be known: nine of ten are, as a rule.
+const LEAST_JUDGED: f64 = 0.5;
+
 /// The result with the calibration's share in each uncertainty and verdict, and these shares in the order of the features, each in the
 /// unit of its feature; none where it was not measured.
 pub fn with_calibration(
@@ -31,8 +34,8 @@ pub fn with_calibration(
     let unknown: Vec<&str> = unknown.collect();
     if !unknown.is_empty() {
         eprintln!(
-            "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what a lens in focus may have; \
-             `fringetool calibrate` finds it",
+            "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what an estimate from white and black may \
+             be wrong by; `fringetool calibrate` finds it",
             rig.display(),
             unknown.join(", ")
         );
@@ -74,6 +77,19 @@ impl OpenFootprints {
             open.push((FootprintEffect::together(&off), 1.0));
         }
         Self(open)
+    }
+
+    /// Warns where so many points have no neighbours that the share does not hold what their footprints do.
+    fn warn(&self, rig: &Path) {
+        let least = self.0.iter().map(|(effect, _)| effect.judged()).fold(1.0, f64::min);
+        if least < LEAST_JUDGED {
+            eprintln!(
+                "warning: {}: what a footprint does is known at {:.0} % of the points of a camera, and the uncertainties hold no more: take a cloud \
+                 with normals and all its points, as it was reconstructed",
+                rig.display(),
+                100.0 * least
+            );
+        }
     }
 
     /// The points as the modes of the calibration make them, and as each footprint would by a part of its uncertainty: of each of these
@@ -130,6 +146,7 @@ pub fn shares(
     };
     let here = values(points);
     let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), contradicted, points);
+    footprints.warn(&rig_file.path);
     let mut shares = vec![None; here.len()];
     // A mode so large that a feature is lost says nothing of it; a part of the mode does.
     for part in PARTS {
@@ -150,8 +167,8 @@ pub fn shares(
     }
     if let Some(lost) = (0..here.len()).find(|index| here[*index].is_some() && shares[*index].is_none()) {
         bail!(
-            "{}: moves the points of feature \"{}\" so far that it cannot be measured any more, so that its uncertainty is not known; \
-             calibrate again",
+            "{}: this covariance, or the footprints of the cameras, moves the points of feature \"{}\" so far that it cannot be measured any \
+             more, so that its uncertainty is not known; calibrate again",
             covariance.path.display(),
             plan.features[lost].name
         );

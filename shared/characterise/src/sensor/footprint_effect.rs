@@ -34,38 +34,54 @@ const LEAST_POINTS: usize = 15;
 const STEEPEST: f64 = 8.0;
 /// Steps of the gradient of a projector's coordinates, mm.
 const STEP_MM: f64 = 1e-3;
+/// Largest variance of a second derivative's half, px⁻⁴ of one point's: 25 points of a square have 1/70, strips of one or two rows far more.
+const MOST_LEVERAGE: f64 = 0.1;
 /// No point stands at this pixel.
 const NONE: u32 = u32::MAX;
 
 /// How far along its normal each point moves where the variance of a camera's footprint is larger, mm per px².
 #[derive(Debug, Clone, PartialEq)]
-pub struct FootprintEffect(Vec<f64>);
+pub struct FootprintEffect {
+    along_mm: Vec<f64>,
+    /// Of the points that the camera takes part in, the share of which the effect could be found.
+    judged: f64,
+}
 
 impl FootprintEffect {
     /// Of one camera of a rig on a cloud whose points name the pairs of that rig. Points of other cameras, without a normal, or without neighbours stay.
     pub fn of(rig: &Rig, camera: &str, points: &[Point]) -> Self {
         let mut along_mm = vec![0.0; points.len()];
+        let (mut seen, mut judged) = (0, 0);
         for (number, pair) in rig.pairs.iter().enumerate() {
             let Some(sight) = Sight::new(rig, pair, camera) else { continue };
             let own: Vec<usize> = (0..points.len()).filter(|i| points[*i].pair as usize == number).collect();
             let picture = Picture::new(sight.own, points, &own);
-            let by =
-                |i: usize| picture.blurred(i).map_or(0.0, |blur| sight.displaced(&points[own[i]], &blur));
-            let found: Vec<f64> = (0..own.len()).into_par_iter().map(by).collect();
+            let by = |i: usize| Some(sight.displaced(&points[own[i]], &picture.blurred(i)?));
+            let found: Vec<Option<f64>> = (0..own.len()).into_par_iter().map(by).collect();
+            seen += own.len();
+            judged += found.iter().flatten().count();
             for (index, effect) in own.iter().zip(found) {
-                along_mm[*index] = effect;
+                along_mm[*index] = effect.unwrap_or(0.0);
             }
         }
-        Self(along_mm)
+        Self { along_mm, judged: judged as f64 / seen.max(1) as f64 }
+    }
+
+    /// Of the points that the camera takes part in, the share of which the effect could be found, 0 … 1: not at edges, nor in clouds so thin
+    /// that no neighbours are near.
+    pub fn judged(&self) -> f64 {
+        self.judged
     }
 
     /// What happens where the footprints of several cameras change together, each by its part of one px².
     pub fn together(parts: &[(Self, f64)]) -> Self {
-        let count = parts.iter().map(|(effect, _)| effect.0.len()).max().unwrap_or(0);
-        let at = |i: usize| {
-            parts.iter().map(|(effect, part)| effect.0.get(i).copied().unwrap_or(0.0) * part).sum()
-        };
-        Self((0..count).map(at).collect())
+        let count = parts.iter().map(|(effect, _)| effect.along_mm.len()).max().unwrap_or(0);
+        let mut along_mm = vec![0.0; count];
+        for (effect, part) in parts {
+            along_mm.iter_mut().zip(&effect.along_mm).for_each(|(sum, along_mm)| *sum += along_mm * part);
+        }
+        let judged = parts.iter().map(|(effect, _)| effect.judged).fold(1.0, f64::min);
+        Self { along_mm, judged }
     }
 
     /// The points where the variance of the footprint is larger by so much, px², than what was taken off.
@@ -74,7 +90,7 @@ impl FootprintEffect {
             let position = point.position() + point.normal_vector() * (along_mm * change_px2);
             Point { position_mm: position.into(), ..*point }
         };
-        points.iter().zip(&self.0).map(one).collect()
+        points.iter().zip(&self.along_mm).map(one).collect()
     }
 }
 
@@ -150,7 +166,8 @@ struct Picture<'a> {
 
 impl<'a> Picture<'a> {
     fn new(camera: &Camera, points: &'a [Point], own: &'a [usize]) -> Self {
-        let pixels: Vec<_> = own.par_iter().map(|i| camera.project(&points[*i].position())).collect();
+        let seen = |i: &usize| camera.project(&points[*i].position()).filter(|pixel| camera.contains(*pixel));
+        let pixels: Vec<_> = own.par_iter().map(seen).collect();
         let size = [camera.width_px as i32, camera.height_px as i32];
         let mut grid = vec![NONE; camera.width_px as usize * camera.height_px as usize];
         for (number, pixel) in pixels.iter().enumerate() {
@@ -181,11 +198,19 @@ impl<'a> Picture<'a> {
                 }
                 let (u, v) = (offset.x, offset.y);
                 let terms = Vector6::new(1.0, u, v, u * u, u * v, v * v);
-                let brightness = ln(f64::from(other.modulation) / f64::from(point.modulation));
+                let ratio = f64::from(other.modulation) / f64::from(point.modulation);
+                // Clouds of other programs may have no modulation: as if the light were even.
+                let brightness = if ratio > 0.0 && ratio < f64::INFINITY { ln(ratio) } else { 0.0 };
                 normal += terms * terms.transpose();
                 moments += terms * nalgebra::RowVector4::new(apart.x, apart.y, apart.z, brightness);
             }
-            let fit = normal.cholesky()?.solve(&moments);
+            let inverse = normal.cholesky()?.inverse();
+            // NaN fails the comparison.
+            let determined = inverse[(3, 3)] <= MOST_LEVERAGE && inverse[(5, 5)] <= MOST_LEVERAGE;
+            if !determined {
+                continue;
+            }
+            let fit = inverse * moments;
             let part = |row: usize| Vector3::new(fit[(row, 0)], fit[(row, 1)], fit[(row, 2)]);
             // A quadratic's second derivative is twice its coefficient, of which half counts.
             let blur = part(3) + part(5) + part(1) * fit[(1, 3)] + part(2) * fit[(2, 3)];

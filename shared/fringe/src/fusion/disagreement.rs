@@ -2,7 +2,7 @@
 //!
 //! The distances d of the points of one cloud from the surface of the other have the variance u² that both clouds state, if all is
 //! well. Cells of the search where Σ d² is beyond Σ u², by themselves and with the 26 cells around them, get the surplus: ½ (Σ d² − Σ u²) / n
-//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong. Neighbours
+//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong (Σ u² as noise makes it, see below). Neighbours
 //! share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred view and
 //! a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
 //! Pairs that share a camera take its noise in opposite directions, mostly, so that their distances scatter by more than both state. How much
@@ -118,18 +118,18 @@ impl Comparison<'_> {
         raised.extend(parts.iter().flatten());
     }
 
-    /// The variance of distances by noise, over what it usually is of the stated one: 1 where pairs share no camera.
+    /// The variance of distances by noise, over what it usually is of the stated one: more than 1 where pairs share a camera, or both state
+    /// too little.
     fn noise(&self) -> f64 {
         let own = self.own.1;
-        if own.len() < LEAST_ASKED {
+        let compared = || (0..own.len()).filter(|cell| self.compared[*cell].count >= 1.0);
+        let asked = compared().count();
+        if asked < LEAST_ASKED {
             return 1.0;
         }
         let mut near = Surroundings::<9>::from(self.grid, own, own.key(0));
         let (mut found, mut count) = ([0.0; ASKED], 0);
-        for cell in (0..own.len()).step_by(own.len().div_ceil(ASKED)) {
-            if self.compared[cell].count < 1.0 {
-                continue;
-            }
+        for cell in compared().step_by(asked.div_ceil(ASKED)) {
             let block = self.within(&near.rows(own, own.key(cell)));
             if block.count >= LEAST && block.stated > 0.0 {
                 found[count] = block.scatter();

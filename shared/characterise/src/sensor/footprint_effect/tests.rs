@@ -146,7 +146,7 @@ fn what_blur_does_to_a_sphere_is_predicted_for_either_camera() {
     let projector = rig.projector("projector").unwrap();
     let points = points(&rig, projector);
     for (name, left_blurs) in [("left", true), ("right", false)] {
-        let FootprintEffect(effect) = FootprintEffect::of(&rig, name, &points);
+        let effect = FootprintEffect::of(&rig, name, &points).along_mm;
         let (mut squares, mut off) = (0.0, 0.0);
         let chosen = frontal(&rig, &points);
         assert!(chosen.len() > 30);
@@ -165,8 +165,7 @@ fn both_cameras_together_move_the_front_of_a_sphere_by_its_curvature() {
     for projector in [true, false] {
         let rig = rig(projector);
         let points = points(&rig, &view([15.0, 60.0, -500.0]));
-        let [FootprintEffect(left), FootprintEffect(right)] =
-            ["left", "right"].map(|name| FootprintEffect::of(&rig, name, &points));
+        let [left, right] = ["left", "right"].map(|name| FootprintEffect::of(&rig, name, &points).along_mm);
         let front = frontal(&rig, &points).into_iter().filter(|i| points[*i].normal[2] < -0.98);
         for i in front {
             let pixel_mm = (points[i].position_mm[2] + 485.0) / FOCAL_PX;
@@ -188,6 +187,29 @@ fn planes_sparse_clouds_and_strange_points_stay() {
     assert_eq!(FootprintEffect::of(&rig, "left", &without).moved(&without, 0.1), without);
     let other: Vec<Point> = sphere.iter().map(|point| Point { pair: 7, ..*point }).collect();
     assert_eq!(FootprintEffect::of(&rig, "left", &other).moved(&other, 0.1), other);
+    // Without a modulation curvature alone counts; other strange values are no fault.
+    let dark: Vec<Point> = sphere.iter().map(|point| Point { modulation: 0.0, ..*point }).collect();
+    let effect = FootprintEffect::of(&rig, "left", &dark).along_mm;
+    assert!(effect.iter().filter(|along_mm| **along_mm != 0.0).count() > dark.len() / 2);
+    for strange in [f32::NAN, f32::INFINITY, -1.0, f32::MAX] {
+        let points: Vec<Point> = sphere
+            .iter()
+            .zip(0..)
+            .map(|(point, i)| if i % 7 == 0 { Point { modulation: strange, ..*point } } else { *point })
+            .collect();
+        let effect = FootprintEffect::of(&rig, "right", &points).along_mm;
+        assert!(effect.iter().all(|along_mm| along_mm.is_finite()), "{strange}");
+    }
+    let far: Vec<Point> =
+        sphere.iter().map(|point| Point { position_mm: [f64::NAN, 1e300, -1e300], ..*point }).collect();
+    let effect = FootprintEffect::of(&rig, "left", &far).along_mm;
+    assert!(effect.iter().all(|along_mm| *along_mm == 0.0));
+    // Two rows of points do not determine a curvature across them.
+    let rows: Vec<Point> =
+        sphere.iter().filter(|point| (70..72).contains(&(point.pixel / SIDE))).copied().collect();
+    let strip = FootprintEffect::of(&rig, "left", &rows);
+    assert!(rows.len() > 100 && strip.judged() < 0.01, "{}", strip.judged());
+    assert!(FootprintEffect::of(&rig, "left", &sphere).judged() > 0.9);
     // A plane in even light.
     let left = rig.camera("left").unwrap();
     let flat = sphere.iter().map(|point| {
@@ -196,7 +218,7 @@ fn planes_sparse_clouds_and_strange_points_stay() {
         Point { position_mm: place.into(), normal: [0.0, 0.0, -1.0], modulation: 80.0, ..*point }
     });
     let flat: Vec<Point> = flat.collect();
-    let FootprintEffect(effect) = FootprintEffect::of(&rig, "right", &flat);
+    let effect = FootprintEffect::of(&rig, "right", &flat).along_mm;
     // Perspective alone is left, some nanometres.
     assert!(effect.iter().all(|along_mm| along_mm.abs() < 1e-4), "{effect:?}");
 }
