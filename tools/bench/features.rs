@@ -7,7 +7,7 @@ use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
 use super::scan::{decoded, joined};
 use crate::Outcome;
-use crate::measure::OpenFootprints;
+use crate::measure::{OpenFootprints, feature_values};
 use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
@@ -172,23 +172,13 @@ fn shares(
     sensors: &BTreeMap<String, Sensor>,
     points: &[Point],
 ) -> Result<Vec<Option<f64>>> {
-    let values = |points: &[Point]| -> Vec<Option<f64>> {
-        evaluate(&bench.plan, points).features.iter().map(|feature| feature.value).collect()
-    };
-    let here = values(points);
-    let modes = calibrated.modes()?;
     let footprints = if sensors.is_empty() {
         OpenFootprints::default()
     } else {
         OpenFootprints::new(&calibrated.rig, sensors, &Contradicted::new(), points)
     };
-    let moved = footprints.with_modes(&modes, 1.0, points, values);
-    let share = |index: usize| {
-        let value = here[index]?;
-        let squares = moved.iter().map(|moved| moved[index].map(|moved| (moved - value) * (moved - value)));
-        Some(squares.sum::<Option<f64>>()?.sqrt())
-    };
-    Ok((0..here.len()).map(share).collect())
+    let here = feature_values(&bench.plan, points);
+    Ok(footprints.shares((&calibrated.modes()?, 1.0), &bench.plan, points, &here))
 }
 
 impl Trial {

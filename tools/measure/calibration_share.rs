@@ -16,7 +16,7 @@ use std::path::Path;
 /// Parts of a mode that are tried, the whole one first.
 const PARTS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 
-/// Share of the points of a camera of which the effect of its footprint has to be known: nine of ten are, as a rule.
+/// Share of the points of a camera of which the effect of its footprint has to be known; edges and rims are the rest of a whole cloud.
 const LEAST_JUDGED: f64 = 0.5;
 
 /// The result with the calibration's share in each uncertainty and verdict, and these shares in the order of the features, each in the
@@ -92,19 +92,31 @@ impl OpenFootprints {
         }
     }
 
-    /// The points as the modes of the calibration make them, and as each footprint would by a part of its uncertainty: of each of these
-    /// clouds, what is asked of it.
-    pub fn with_modes<T: Send>(
+    /// What the modes of a calibration and these footprints, each by such a part, change of the features of a plan, over that part: the root of
+    /// the sum of squares. `here` are the features of the points as they are. `None` where one is not found, there or on moved points.
+    pub fn shares(
         &self,
-        modes: &[Mode],
-        part: f64,
+        (modes, part): (&[Mode], f64),
+        plan: &Plan,
         points: &[Point],
-        asked: impl Fn(&[Point]) -> T + Sync,
-    ) -> Vec<T> {
-        let by_mode = modes.par_iter().map(|mode| asked(&mode.moved(points)));
-        let by_footprint = self.0.par_iter().map(|(effect, u)| asked(&effect.moved(points, part * u)));
-        by_mode.chain(by_footprint).collect()
+        here: &[Option<f64>],
+    ) -> Vec<Option<f64>> {
+        let by_mode = modes.par_iter().map(|mode| feature_values(plan, &mode.moved(points)));
+        let by_footprint =
+            self.0.par_iter().map(|(effect, u)| feature_values(plan, &effect.moved(points, part * u)));
+        let moved: Vec<Vec<Option<f64>>> = by_mode.chain(by_footprint).collect();
+        let share = |(index, here): (usize, &Option<f64>)| {
+            let here = (*here)?;
+            let square = |moved: &Vec<Option<f64>>| Some(((moved[index]? - here) / part).powi(2));
+            moved.iter().map(square).sum::<Option<f64>>().map(f64::sqrt)
+        };
+        here.iter().enumerate().map(share).collect()
     }
+}
+
+/// The value of each feature of a plan on a cloud, in its order.
+pub fn feature_values(plan: &Plan, points: &[Point]) -> Vec<Option<f64>> {
+    evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
 }
 
 /// Names of the cameras that take part in a pair.
@@ -141,10 +153,7 @@ pub fn shares(
     }
     let names: Vec<&str> = covariance.devices.iter().map(String::as_str).collect();
     let matrix = covariance.part(&names).unwrap_or_default();
-    let values = |points: &[Point]| -> Vec<Option<f64>> {
-        evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
-    };
-    let here = values(points);
+    let here = feature_values(plan, points);
     let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), contradicted, points);
     footprints.warn(&rig_file.path);
     let mut shares = vec![None; here.len()];
@@ -159,10 +168,9 @@ pub fn shares(
         let modes = modes(&rig_file.rig, &covariance.devices, count, &smaller).with_context(|| {
             format!("{path}: a pair has a view that {} does not hold", covariance.path.display())
         })?;
-        let moved = footprints.with_modes(&modes, part, points, values);
+        let found = footprints.shares((&modes, part), plan, points, &here);
         for index in open {
-            let by = |moved: &Vec<Option<f64>>| Some(((moved[index]? - here[index]?) / part).powi(2));
-            shares[index] = moved.iter().map(by).sum::<Option<f64>>().map(f64::sqrt);
+            shares[index] = found[index];
         }
     }
     if let Some(lost) = (0..here.len()).find(|index| here[*index].is_some() && shares[*index].is_none()) {

@@ -7,7 +7,7 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result};
 use calibration_share::with_calibration;
-pub use calibration_share::{OpenFootprints, shares as calibration_shares};
+pub use calibration_share::{OpenFootprints, feature_values, shares as calibration_shares};
 use files::contradicted_footprints::{self, Contradicted};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
             eprintln!(
                 "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
-                     are of the same calibration",
+                 are of the same calibration",
                 args.cloud.display(),
                 rig.display(),
                 file.sha256
