@@ -2,11 +2,12 @@
 //!
 //! The distances d of the points of one cloud from the surface of the other have the variance u² that both clouds state, if all is
 //! well. Cells of the search where Σ d² is beyond Σ u², by themselves and with the 26 cells around them, get the surplus: ½ (Σ d² − Σ u²) / n
-//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong (Σ u² as noise makes it, see below). Neighbours
-//! share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred view and
-//! a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
+//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong.
+//! Neighbours share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred
+//! view and a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
 //! Pairs that share a camera take its noise in opposite directions, mostly, so that their distances scatter by more than both state. How much
-//! more is asked of the distances about the mean of their block, which neither light nor a rig that is off changes much.
+//! more is asked of the distances about the mean of their block, which neither light nor a rig that is off changes much;
+//! Σ u² counts as so many times as large.
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
