@@ -2,6 +2,7 @@
 
 use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::{Result, ensure};
+use cell::graph::pictures;
 use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
@@ -53,7 +54,7 @@ impl Fusion {
         Ok(Self {
             parts: parts.collect::<Result<_>>()?,
             capacity,
-            fuser: Fuser::default(),
+            fuser: Fuser::of_pictures(pictures(graph)),
             clouds: context.publisher("cloud/fused")?,
             text: TextBuffer::with_capacity(OVERLAP_BYTES * graph.pairs.len().pow(2) / 2),
         })

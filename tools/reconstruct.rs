@@ -21,8 +21,8 @@ use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
 use fringe::cloud::Point;
-use fringe::fusion::{FusionReport, disagreement_warning, fuse};
-use fringe::geometry::rig::Pair;
+use fringe::fusion::{Fuser, FusionReport, disagreement_warning};
+use fringe::geometry::rig::{Pair, pictures};
 use fringe::matching::MatchSettings;
 use fringe::surface::{SurfaceReport, SurfaceSettings};
 use std::path::PathBuf;
@@ -290,7 +290,9 @@ fn match_pairs(task: &Task, rig: &RigFile, views: &[DecodedView]) -> Result<Vec<
 fn join(clouds: &[PairCloud], settings: &Settings) -> (Vec<Point>, FusionReport) {
     let slices: Vec<&[Point]> = clouds.iter().map(|c| c.points.as_slice()).collect();
     let mut fused = Vec::new();
-    let fusion = fuse(&slices, &settings.fusion, &mut fused);
+    let pairs: Vec<Pair> = clouds.iter().map(|cloud| cloud.pair.clone()).collect();
+    let mut fuser = Fuser::of_pictures(pictures(&pairs));
+    let fusion = fuser.fuse(&slices, &settings.fusion, &mut fused).clone();
     (fused, fusion)
 }
 

@@ -5,8 +5,8 @@ use anyhow::{Context, Result};
 use cell::executor::{PairMatcher, PhaseMethod, ViewDecoder, Views};
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
-use fringe::fusion::{FusionReport, FusionSettings, fuse};
-use fringe::geometry::rig::Rig;
+use fringe::fusion::{Fuser, FusionReport, FusionSettings};
+use fringe::geometry::rig::{Rig, pictures};
 use fringe::matching::MatchSettings;
 use fringe::pattern::{PatternSet, frame_count};
 use fringe::phase::PhaseMap;
@@ -66,7 +66,8 @@ pub fn joined(maps: &[PairMaps], rig: &Rig) -> Result<Scan> {
     let clouds = clouds.collect::<Result<Vec<Vec<Point>>>>()?;
     let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
     let mut points = Vec::new();
-    let fusion = fuse(&slices, &FusionSettings::default(), &mut points);
+    let mut fuser = Fuser::of_pictures(pictures(&rig.pairs));
+    let fusion = fuser.fuse(&slices, &FusionSettings::default(), &mut points).clone();
     Ok(Scan { points, fusion })
 }
 

@@ -8,6 +8,7 @@ use cell::executor::{PairMatcher, Views};
 use files::contradicted_footprints::Contradicted;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
+use fringe::geometry::rig::{Pair, pictures};
 use fringe::phase::PhaseMap;
 use metrology::inspection::{FeatureResult, Plan, Unit, evaluate};
 use serde::Serialize;
@@ -109,11 +110,16 @@ fn trials_of(task: &Task, plan: &Plan, trials: u32) -> Result<(Vec<Vec<FeatureRe
         .iter()
         .map(|pair| PairMatcher::new(rig, &rig.pairs[*pair], *pair, &task.settings.matching))
         .collect::<Result<Vec<_>, _>>()?;
-    let (mut fuser, mut first, mut results) = (Fuser::default(), Vec::new(), Vec::new());
+    let pairs: Vec<Pair> = lit.iter().map(|pair| rig.pairs[*pair].clone()).collect();
+    let mut fuser = Fuser::of_pictures(pictures(&pairs));
+    let (mut first, mut results) = (Vec::new(), Vec::new());
     for trial in 0..trials {
         let mut clouds = Vec::new();
         for (pair, matcher) in lit.iter().zip(&mut matchers) {
-            let Some([left, right]) = task.planner.phases(*pair, u64::from(trial)) else { continue };
+            let Some([left, right]) = task.planner.phases(*pair, u64::from(trial)) else {
+                clouds.push(Vec::new());
+                continue;
+            };
             let (points, _) = matcher.cloud(
                 &Views::of(left.iter().map(PhaseMap::view)),
                 &Views::of(right.iter().map(PhaseMap::view)),

@@ -9,7 +9,7 @@ use anyhow::Result;
 use characterise::rotation_stage::StageAxis;
 use files::stage_file::read_stage;
 use fringe::cloud::Point;
-use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::fusion::{Fuser, FusionReport, FusionSettings};
 use fringe::geometry::pose::Pose;
 use metrology::register::InitialPose;
 use serde::Serialize;
@@ -65,7 +65,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (clouds, placed) = place(args, &axis, &views)?;
     let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
     let mut merged = Vec::new();
-    let fusion = fuse(&slices, &FusionSettings::default(), &mut merged);
+    // Each view has pictures of its own.
+    let mut fuser = Fuser::of_pictures((0..slices.len()).map(|view| vec![view]).collect());
+    let fusion = fuser.fuse(&slices, &FusionSettings::default(), &mut merged).clone();
     let stage = args.stage.display().to_string();
     let software = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
     files::ply::write_cloud(&args.out, &merged, &[("stage", &stage), ("software", software)])?;

@@ -5,6 +5,7 @@ use super::{ViewDecoder, ViewError, decoder, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
+use crate::graph::pictures;
 use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
@@ -116,7 +117,7 @@ impl<'a> InProcess<'a> {
             cell,
             decoders,
             matchers: matchers.collect::<Result<_, _>>()?,
-            fuser: Fuser::default(),
+            fuser: Fuser::of_pictures(pictures(&cell.graph)),
             frames: cell.graph.cameras.iter().map(|_| (0, Bytes::default())).collect(),
             phases: PhaseMaps::new(),
             clouds: vec![Vec::new(); cell.graph.pairs.len()],

@@ -5,9 +5,9 @@
 //! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong.
 //! Neighbours share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred
 //! view and a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
-//! Pairs that share a camera take its noise in opposite directions, mostly, so that their distances scatter by more than both state. How much
+//! Pairs that share a picture take its noise in opposite directions, mostly, so that their distances scatter by more than both state. How much
 //! more is asked of the distances about the mean of their block, which neither light nor a rig that is off changes much;
-//! Σ u² counts as so many times as large.
+//! Σ u² counts as so many times as large. Pairs that share none are not asked, nor is anything allowed for them.
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
@@ -96,32 +96,36 @@ pub(super) struct Comparison<'a> {
     /// For each cell of the first cloud.
     pub compared: &'a [Compared],
     pub grid: &'a Grid,
+    /// The variance of distances by noise, over what it usually is of the stated one.
+    pub noise: f64,
 }
 
 impl Comparison<'_> {
     /// Adds the cells of both clouds in which they disagree; `parts` is memory.
     pub fn find(&self, parts: &mut Vec<Vec<Raised>>, raised: &mut Vec<Raised>) {
         let (own, other) = (self.own.1, self.other.1);
-        let noise = self.noise();
         let [of_own, of_other] = [own, other].map(|cells| cells.len().div_ceil(CELLS));
         parts.resize_with(parts.len().max(of_own + of_other), Vec::new);
         let parts = &mut parts[..of_own + of_other];
         parts.par_iter_mut().enumerate().for_each(|(part, raised)| {
             raised.clear();
             if part < of_own {
-                self.judge((own, part * CELLS), noise, |cell| Some(self.compared[cell]), raised);
+                self.judge((own, part * CELLS), |cell| Some(self.compared[cell]), raised);
             } else {
                 // Where the first cloud has points as well, the cell is judged as its own.
                 let only_there = |cell| own.find(other.key(cell)).is_none().then(Compared::default);
-                self.judge((other, (part - of_own) * CELLS), noise, only_there, raised);
+                self.judge((other, (part - of_own) * CELLS), only_there, raised);
             }
         });
         raised.extend(parts.iter().flatten());
     }
 
-    /// The variance of distances by noise, over what it usually is of the stated one: more than 1 where pairs share a camera, or both state
-    /// too little.
-    fn noise(&self) -> f64 {
+    /// The same with the noise that its distances show: more than 1 where pairs share pictures, or both state too little.
+    pub fn with_own_noise(self) -> Self {
+        Self { noise: self.shown_noise(), ..self }
+    }
+
+    fn shown_noise(&self) -> f64 {
         let own = self.own.1;
         let compared = || (0..own.len()).filter(|cell| self.compared[*cell].count >= 1.0);
         let asked = compared().count();
@@ -150,7 +154,6 @@ impl Comparison<'_> {
     fn judge(
         &self,
         (cells, first): (&Cells, usize),
-        noise: f64,
         shown: impl Fn(usize) -> Option<Compared>,
         raised: &mut Vec<Raised>,
     ) {
@@ -160,32 +163,27 @@ impl Comparison<'_> {
         for cell in first..(first + CELLS).min(cells.len()) {
             let Some(compared) = shown(cell) else { continue };
             let is_silent = compared.count < 1.0;
-            if !is_silent && !compared.disagrees(LIKELY * noise) {
+            if !is_silent && !compared.disagrees(LIKELY * self.noise) {
                 continue;
             }
             let key = cells.key(cell);
             let rows = near.rows(own, key);
-            let disagree =
-                |row: &Range<usize>| self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY * noise));
+            let disagree = |row: &Range<usize>| {
+                self.compared[row.clone()].iter().any(|c| c.disagrees(LIKELY * self.noise))
+            };
             if is_silent && !rows.iter().any(disagree) {
                 continue;
             }
-            if let Some(block) = self.disagreeing(key, noise, &rows, &mut wide) {
-                self.raise(key, noise, if is_silent { &block } else { &compared }, raised);
+            if let Some(block) = self.disagreeing(key, &rows, &mut wide) {
+                self.raise(key, if is_silent { &block } else { &compared }, raised);
             }
         }
     }
 
     /// What a cell and the 26 around it show together, where that is a disagreement.
-    fn disagreeing(
-        &self,
-        key: u64,
-        noise: f64,
-        rows: &[Range<usize>],
-        wide: &mut Surroundings<25>,
-    ) -> Option<Compared> {
+    fn disagreeing(&self, key: u64, rows: &[Range<usize>], wide: &mut Surroundings<25>) -> Option<Compared> {
         let block = self.within(rows);
-        if block.count < LEAST || !block.disagrees(LIKELY * noise) {
+        if block.count < LEAST || !block.disagrees(LIKELY * self.noise) {
             return None;
         }
         let mut confirmed = || {
@@ -196,9 +194,9 @@ impl Comparison<'_> {
                 squares: all.squares - block.squares,
                 stated: all.stated - block.stated,
             };
-            around.count >= LEAST && around.disagrees(LIKELY * noise)
+            around.count >= LEAST && around.disagrees(LIKELY * self.noise)
         };
-        (block.disagrees(CERTAIN * noise) || confirmed()).then_some(block)
+        (block.disagrees(CERTAIN * self.noise) || confirmed()).then_some(block)
     }
 
     /// What the cells of some rows show.
@@ -209,8 +207,8 @@ impl Comparison<'_> {
     }
 
     /// Adds the cells of both clouds at a key with the surplus of what was compared.
-    fn raise(&self, key: u64, noise: f64, compared: &Compared, raised: &mut Vec<Raised>) {
-        let excess_mm2 = 0.5 * (compared.squares - noise * compared.stated) / compared.count;
+    fn raise(&self, key: u64, compared: &Compared, raised: &mut Vec<Raised>) {
+        let excess_mm2 = 0.5 * (compared.squares - self.noise * compared.stated) / compared.count;
         for (cloud, cells) in [self.own, self.other] {
             let cell = cells.find(key).map(|cell| (cloud, cell));
             raised.extend(cell.map(|cell| Raised { cell, excess_mm2 }));

@@ -20,6 +20,7 @@ mod grid;
 mod isolated;
 mod near;
 mod overlap;
+mod report;
 mod sites;
 mod surroundings;
 
@@ -35,8 +36,8 @@ use isolated::{has_around, mark_beside};
 use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
+pub use report::{FusionReport, Overlap};
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
 const RADIUS_PER_SPACING: f64 = 3.0;
@@ -69,51 +70,6 @@ impl Default for FusionSettings {
     }
 }
 
-/// How well two pairs agree where both see the part. Lengths in mm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Overlap {
-    /// Number of a cloud.
-    pub a: usize,
-    /// Number of a later cloud.
-    pub b: usize,
-    /// Points of a that were compared: those with a surface of b beside them; of n > 2 clouds, in every (n − 1)th cell of the search.
-    pub count: u32,
-    /// Mean signed distance; positive where a lies outside of b. Zero without points.
-    pub mean_mm: f64,
-    /// Sample standard deviation of the signed distance. Zero below two points.
-    pub sd_mm: f64,
-    /// Largest absolute distance, mm.
-    pub max_mm: f64,
-    /// Root mean square of (distance − mean) over its predicted uncertainty, which takes the points as independent; about 1
-    /// when noise is all there is, some 1.1 where neighbours share noise because they were smoothed. Absent without points or uncertainties.
-    pub sd_over_sigma: Option<f64>,
-}
-
-impl fmt::Display for Overlap {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.count == 0 {
-            return write!(f, "none, so that nothing tells whether they agree");
-        }
-        let (mean_um, sd_um) = (1e3 * self.mean_mm, 1e3 * self.sd_mm);
-        write!(f, "{} points, mean {mean_um:+.1} µm, standard deviation {sd_um:.1} µm", self.count)
-    }
-}
-
-/// Counts and overlaps of a fusion.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct FusionReport {
-    /// Points of the fused cloud.
-    pub points: u32,
-    /// Points removed, per cloud.
-    pub removed: Vec<u32>,
-    /// Neighbourhood that was used, mm; zero without points.
-    pub radius_mm: f64,
-    /// All pairs of clouds in order: (0, 1), (0, 2), … (1, 2), …
-    pub overlaps: Vec<Overlap>,
-    /// Points of the fused cloud whose uncertainty was raised, since pairs disagree there beyond what they state.
-    pub disagreeing: u32,
-}
-
 /// Points of one cloud that one thread takes: a fixed part, whoever takes it.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
@@ -128,6 +84,8 @@ struct Piece {
 /// Fuses again and again with buffers that only grow.
 #[derive(Debug, Clone, Default)]
 pub struct Fuser {
+    /// Of each cloud, the pictures that it was measured from; none where that is not known.
+    pictures: Vec<Vec<usize>>,
     pieces: Vec<Piece>,
     /// Where each piece begins among the points of all clouds, one after another, and one place more for the end.
     starts: Vec<usize>,
@@ -153,6 +111,12 @@ pub fn fuse(clouds: &[&[Point]], settings: &FusionSettings, out: &mut Vec<Point>
 }
 
 impl Fuser {
+    /// For clouds of which it is known what they were measured from: for each, the numbers of its pictures, one for each camera under each
+    /// projector. Clouds that share none have noise of their own; of all others the points are asked.
+    pub fn of_pictures(pictures: Vec<Vec<usize>>) -> Self {
+        Self { pictures, ..Self::default() }
+    }
+
     /// Fuses clouds, in the order of the pairs, into `out` (cleared first); see [`Self::fuse_into`].
     pub fn fuse(
         &mut self,
@@ -339,10 +303,21 @@ impl Fuser {
                 let mut all = Distances::default();
                 self.distances.iter().for_each(|part| all.join(part));
                 self.report.overlaps.push(all.overlap(a, b));
-                let comparison =
-                    Comparison { own: (a, own), other: (b, other), compared: &self.compared, grid };
+                let (own, other) = ((a, own), (b, other));
+                let mut comparison = Comparison { own, other, compared: &self.compared, grid, noise: 1.0 };
+                if self.may_share_noise(a, b) {
+                    comparison = comparison.with_own_noise();
+                }
                 comparison.find(&mut self.disagreeing, &mut self.raised);
             }
+        }
+    }
+
+    /// Whether two clouds were measured from one picture, as far as is known.
+    fn may_share_noise(&self, a: usize, b: usize) -> bool {
+        match (self.pictures.get(a), self.pictures.get(b)) {
+            (Some(a), Some(b)) => a.iter().any(|picture| b.contains(picture)),
+            _ => true,
         }
     }
 

@@ -26,6 +26,24 @@ pub struct Pair {
     pub projector: String,
 }
 
+/// What pairs are measured from: for each, the numbers of its pictures, one for each camera under each projector. A projector
+/// takes none.
+pub fn pictures(pairs: &[Pair]) -> Vec<Vec<usize>> {
+    let mut known = Vec::new();
+    let of = |pair: &Pair| {
+        let cameras = [&pair.left, &pair.right].into_iter().filter(|view| **view != pair.projector);
+        let number = |camera: &String| {
+            let picture = (camera.clone(), pair.projector.clone());
+            known.iter().position(|other| *other == picture).unwrap_or_else(|| {
+                known.push(picture);
+                known.len() - 1
+            })
+        };
+        cameras.map(number).collect()
+    };
+    pairs.iter().map(of).collect()
+}
+
 /// All of it, in the order of the rig file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
@@ -53,5 +71,29 @@ impl Rig {
     /// A projector by name.
     pub fn projector(&self, name: &str) -> Option<&Camera> {
         self.projectors.iter().find(|p| p.name == name).map(|p| &p.camera)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Pair, pictures};
+
+    /// Proves: a picture is a camera under a projector, and a projector takes none.
+    #[test]
+    fn pairs_share_pictures_not_cameras_or_projectors() {
+        let pair = |left: &str, right: &str, projector: &str| Pair {
+            name: format!("{left}-{right}"),
+            left: left.into(),
+            right: right.into(),
+            projector: projector.into(),
+        };
+        let pairs = [
+            pair("a", "b", "p"),
+            pair("b", "c", "p"),
+            pair("a", "b", "q"),
+            pair("a", "p", "p"),
+            pair("d", "p", "p"),
+        ];
+        assert_eq!(pictures(&pairs), [vec![0, 1], vec![1, 2], vec![3, 4], vec![0], vec![5]]);
     }
 }

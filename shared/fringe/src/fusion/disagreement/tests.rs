@@ -233,12 +233,20 @@ fn opposite_noise_of_pairs_that_share_a_camera_is_no_disagreement() {
         }
         points
     };
-    let (mut told, mut all) = (0, 0);
+    let fused_of = |clouds: &[&[Point]], pictures: [Vec<usize>; 2]| {
+        let mut fuser = Fuser::of_pictures(pictures.into());
+        fuser.fuse(clouds, &FusionSettings::default(), &mut Vec::new()).disagreeing
+    };
+    let (mut told, mut all, mut unasked) = (0, 0, 0);
     for seed in 0..8 {
         let [shared, own, third] = [0, 100, 200].map(|first| first + seed);
         let first = pair(&plane(0.0), 0.0, (shared, 1.0), own);
-        let (report, out) = fused(&[&first, &pair(&plane(0.0), 0.07, (shared, -1.0), third)]);
+        let second = pair(&plane(0.0), 0.07, (shared, -1.0), third);
+        let (report, out) = fused(&[&first, &second]);
         (told, all) = (told + report.disagreeing, all + out.len());
+        // Said to share a picture, they are asked as those of which nothing is known; said to share none, nothing is allowed for them.
+        assert_eq!(fused_of(&[&first, &second], [vec![4, 7], vec![9, 7]]), report.disagreeing);
+        unasked += fused_of(&[&first, &second], [vec![4, 7], vec![9, 5]]);
         let (_, out) = fused(&[&first, &pair(&raised_place(6.0 * sigma), 0.07, (shared, -1.0), third)]);
         let inside: Vec<&Point> = out
             .iter()
@@ -249,4 +257,5 @@ fn opposite_noise_of_pairs_that_share_a_camera_is_no_disagreement() {
     }
     // A feature takes 5 % as noise; with the thresholds of pairs that share no camera there are 11 %.
     assert!(f64::from(told) < 0.05 * all as f64, "{told} of {all} points");
+    assert!(f64::from(unasked) > 0.1 * all as f64, "{unasked} of {all} points");
 }
