@@ -50,7 +50,6 @@ pub fn write(json: &Path, cell: &LoadedCell, result: &CycleResult) -> Result<()>
         guard_factor: plan.settings.guard_factor,
         date: &result.date,
         made_with: &made_with(cell, result),
-        shares: None,
         sha256: &sha256_hex(&text),
     };
     let path = |format: ResultFormat| formats.contains(&format).then(|| beside(json, format));

@@ -165,7 +165,7 @@ pub fn report_text(run: &RunFiles) -> Result<Option<String>> {
         timeline: timeline(cell, run.history, last.cycle),
         marks: marks(cell, run.history, last.cycle),
         cycles: run.results,
-        notes: [Some(UNCERTAINTY_NOTE), run.truth.map(|_| TRUTH_NOTE)]
+        notes: [Some(uncertainty_note(last)), run.truth.map(|_| TRUTH_NOTE)]
             .into_iter()
             .flatten()
             .map(str::to_owned)
@@ -176,8 +176,16 @@ pub fn report_text(run: &RunFiles) -> Result<Option<String>> {
 }
 
 /// Note on the uncertainties in the report.
-const UNCERTAINTY_NOTE: &str = "Uncertainties contain the scatter of the points and the contributions u_system_mm and u_system_deg of the \
-     inspection plan (calibration, temperature, artefact). If the plan states none, they describe repeatability only.";
+fn uncertainty_note(result: &CycleResult) -> &'static str {
+    if result.features.iter().any(|feature| feature.u_calibration.is_some()) {
+        "Uncertainties contain the scatter of the points, the calibration of the rig, as it was found on one part (calibration_shares), and the \
+         contributions u_system_mm and u_system_deg of the inspection plan (temperature, artefact)."
+    } else {
+        "Uncertainties contain the scatter of the points and the contributions u_system_mm and u_system_deg of the inspection plan (temperature, \
+         artefact). What the calibration of the rig adds is not part of them, unless the plan states it or the cell has calibration_shares; \
+         without, they describe repeatability only."
+    }
+}
 
 /// Note on the truth in the report of the demo.
 const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the simulator; the measurement does \

@@ -68,6 +68,7 @@ mod bad_input;
 mod cad;
 mod calibrate;
 mod calibrate_bad;
+mod calibration_shares;
 mod cell;
 mod changed_files;
 mod charuco;

@@ -10,7 +10,7 @@ use fringe::geometry::rig::Rig;
 use fringe::sensor::Sensor;
 use metrology::inspection::{InspectionResult, Plan, evaluate};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Parts of a mode that are tried, the whole one first.
@@ -19,19 +19,17 @@ const PARTS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// Share of the points of a camera of which the effect of its footprint has to be known; edges and rims are the rest of a whole cloud.
 const LEAST_JUDGED: f64 = 0.5;
 
-/// The result with the calibration's share in each uncertainty and verdict, and these shares in the order of the features, each in the
-/// unit of its feature; none where it was not measured.
+/// The result with the calibration's share in each uncertainty and verdict.
 pub fn with_calibration(
     plan: &Plan,
     points: &[Point],
     rig: &Path,
     contradicted: &Contradicted,
-) -> Result<(InspectionResult, Vec<Option<f64>>, RigFile)> {
+) -> Result<(InspectionResult, RigFile)> {
     let rig_file = read_rig(rig)?;
     let shares = shares(plan, points, &rig_file, contradicted)?;
-    let unknown =
-        cameras_of_pairs(&rig_file.rig).filter(|name| rig_file.rig.sensor(name).footprint.is_none());
-    let unknown: Vec<&str> = unknown.collect();
+    let mut unknown = seeing(&rig_file.rig, points);
+    unknown.retain(|name| rig_file.rig.sensor(name).footprint.is_none());
     if !unknown.is_empty() {
         eprintln!(
             "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what an estimate from white and black may \
@@ -40,17 +38,7 @@ pub fn with_calibration(
             unknown.join(", ")
         );
     }
-    // The verdict of the plan with the share beside its own u_system.
-    let mut judged = plan.clone();
-    for (feature, share) in judged.features.iter_mut().zip(&shares) {
-        let share = share.unwrap_or(0.0);
-        feature.u_system = (feature.u_system * feature.u_system + share * share).sqrt();
-    }
-    let mut result = evaluate(&judged, points);
-    for (found, stated) in result.features.iter_mut().zip(&plan.features) {
-        found.u_system = stated.u_system;
-    }
-    Ok((result, shares, rig_file))
+    Ok((evaluate(&plan.clone().with_calibration(&shares), points), rig_file))
 }
 
 /// What is open of the cameras' footprints: effects, and the standard uncertainty of the change that each belongs to, px².
@@ -67,7 +55,7 @@ impl OpenFootprints {
         points: &[Point],
     ) -> Self {
         let (mut open, mut off) = (Vec::new(), Vec::new());
-        for name in cameras_of_pairs(rig) {
+        for name in seeing(rig, points) {
             let known = sensors.get(name).copied().unwrap_or_default();
             let effect = FootprintEffect::of(rig, name, points);
             off.extend(contradicted.get(name).map(|off_px2| (effect.clone(), *off_px2)));
@@ -119,10 +107,16 @@ pub fn feature_values(plan: &Plan, points: &[Point]) -> Vec<Option<f64>> {
     evaluate(plan, points).features.iter().map(|feature| feature.value).collect()
 }
 
-/// Names of the cameras that take part in a pair.
-fn cameras_of_pairs(rig: &Rig) -> impl Iterator<Item = &str> {
-    let paired = |name: &str| rig.pairs.iter().any(|pair| pair.left == name || pair.right == name);
-    rig.cameras.iter().map(|camera| camera.name.as_str()).filter(move |name| paired(name))
+/// Names of the cameras that take part in a pair which has points.
+fn seeing<'a>(rig: &'a Rig, points: &[Point]) -> Vec<&'a str> {
+    let pairs: BTreeSet<usize> = points.iter().map(|point| point.pair as usize).collect();
+    let paired = |name: &str| {
+        pairs
+            .iter()
+            .filter_map(|pair| rig.pairs.get(*pair))
+            .any(|pair| pair.left == name || pair.right == name)
+    };
+    rig.cameras.iter().map(|camera| camera.name.as_str()).filter(|name| paired(name)).collect()
 }
 
 /// Root of the sum of squares over the modes of the covariance and the footprints of the cameras, for each feature.

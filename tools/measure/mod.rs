@@ -81,8 +81,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         )
     })?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
-    let (result, shares) = if let Some(rig) = &args.rig {
-        let (result, shares, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
+    let result = if let Some(rig) = &args.rig {
+        let (result, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
         if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
             eprintln!(
                 "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
@@ -93,27 +93,23 @@ pub fn run(args: &Args) -> Result<Outcome> {
             );
         }
         provenance = provenance.rig(&file.sha256);
-        (result, Some(shares))
+        result
     } else {
         warn(&contradicted, &args.cloud);
-        (evaluate(&plan, &cloud.points), None)
+        evaluate(&plan, &cloud.points)
     };
-    let mut all = machine_readable(args, cloud.points.len(), &result)?;
-    for (feature, share) in all["features"].as_array_mut().into_iter().flatten().zip(shares.iter().flatten())
-    {
-        feature["u_calibration"] = json!(share);
-    }
+    let all = machine_readable(args, cloud.points.len(), &result)?;
     write_report(
         args,
         &result,
         (plan.settings.guard_factor, &document.text),
-        (&provenance, shares.as_deref()),
+        &provenance,
         cloud.points.len(),
     )?;
     emit_made_with(args.json.as_deref(), &all, provenance)?;
     print(&result);
-    if let Some(shares) = &shares {
-        print_shares(&result, shares);
+    if args.rig.is_some() {
+        print_shares(&result);
     }
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
@@ -137,7 +133,7 @@ fn write_report(
     args: &Args,
     result: &InspectionResult,
     (guard_factor, plan_text): (f64, &str),
-    (provenance, shares): (&Provenance, Option<&[Option<f64>]>),
+    provenance: &Provenance,
     points: usize,
 ) -> Result<()> {
     let outputs = args.outputs();
@@ -164,7 +160,6 @@ fn write_report(
         guard_factor,
         date: &provenance.date,
         made_with: &made_with,
-        shares,
         sha256: &sha256,
     };
     Ok(write_part(&input, &outputs)?)
@@ -206,10 +201,10 @@ fn print(result: &InspectionResult) {
 }
 
 /// What each uncertainty is made of.
-fn print_shares(result: &InspectionResult, shares: &[Option<f64>]) {
+fn print_shares(result: &InspectionResult) {
     println!("standard uncertainty by points, calibration and plan (u_system):");
-    for (feature, share) in result.features.iter().zip(shares) {
-        if let (Some(noise), Some(share)) = (feature.u_noise, share) {
+    for feature in &result.features {
+        if let (Some(noise), Some(share)) = (feature.u_noise, feature.u_calibration) {
             let FeatureResult { name, unit, u_system, .. } = feature;
             println!("  {name}: {noise:.5}, {share:.5}, {u_system:.5} {unit}");
         }

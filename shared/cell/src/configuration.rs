@@ -83,7 +83,7 @@ pub struct Settings {
 pub struct Recipe {
     /// Unique; [`DEFAULT_RECIPE`] is the plan at the top of the configuration.
     pub name: String,
-    /// What is inspected; absent: nothing, the cloud alone is wanted.
+    /// What is inspected, with the shares of the calibration where they are known; absent: nothing, the cloud alone is wanted.
     pub plan: Option<Plan>,
     /// SHA-256 of the file of the plan.
     pub plan_sha256: Option<String>,

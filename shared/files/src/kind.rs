@@ -195,6 +195,9 @@ fn json(text: &str) -> Kind {
         return known("result of fringetool");
     }
     let keys: Vec<&str> = object.keys().map(String::as_str).collect();
+    if keys.is_empty() {
+        return known("an empty object");
+    }
     known(&keys.join(", "))
 }
 

@@ -7,6 +7,7 @@ pub mod acceptance_file;
 pub mod atomic;
 pub mod budget;
 pub mod bundled;
+pub mod calibration_shares;
 pub mod clock;
 pub mod cmm;
 pub mod config;

@@ -51,20 +51,22 @@ impl FootprintEffect {
     /// Of one camera of a rig on a cloud whose points name the pairs of that rig. Points of other cameras, without a normal, or without neighbours stay.
     pub fn of(rig: &Rig, camera: &str, points: &[Point]) -> Self {
         let mut along_mm = vec![0.0; points.len()];
-        let (mut seen, mut judged) = (0, 0);
+        let (mut seen, mut judged) = (0_u32, 0_u32);
         for (number, pair) in rig.pairs.iter().enumerate() {
             let Some(sight) = Sight::new(rig, pair, camera) else { continue };
             let own: Vec<usize> = (0..points.len()).filter(|i| points[*i].pair as usize == number).collect();
             let picture = Picture::new(sight.own, points, &own);
             let by = |i: usize| Some(sight.displaced(&points[own[i]], &picture.blurred(i)?));
             let found: Vec<Option<f64>> = (0..own.len()).into_par_iter().map(by).collect();
-            seen += own.len();
-            judged += found.iter().flatten().count();
+            seen += own.len() as u32;
+            judged += found.iter().flatten().count() as u32;
             for (index, effect) in own.iter().zip(found) {
                 along_mm[*index] = effect.unwrap_or(0.0);
             }
         }
-        Self { along_mm, judged: judged as f64 / seen.max(1) as f64 }
+        // Where it sees nothing, nothing is unknown.
+        let judged = if seen == 0 { 1.0 } else { f64::from(judged) / f64::from(seen) };
+        Self { along_mm, judged }
     }
 
     /// Of the points that the camera takes part in, the share of which the effect could be found, 0 … 1: not at edges, nor in clouds so thin

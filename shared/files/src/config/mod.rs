@@ -8,6 +8,7 @@
 //! name = "demo"                       # [a-z0-9-]{1,32}: the runtime root and the service prefix derive from it
 //! rig = "demo-rig.toml"               # what the measuring side knows; paths are relative to this file
 //! plan = "artefact.plan.toml"         # optional inspection plan: the recipe "default"
+//! calibration_shares = "part.json"    # optional: result of `fringetool measure --rig` on a part, whose shares join every uncertainty
 //! cycles = 5                          # optional; absent: until stopped
 //! pairs = ["pair1"]                   # optional; absent: all pairs of the rig file
 //! [limits]                            # all optional, defaults as in [`Limits`]
@@ -104,7 +105,7 @@ pub struct Config {
     pub rig_path: PathBuf,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
-    /// The files of all recipes, in their order.
+    /// The files of all recipes, in their order: each plan, and after it that of the calibration's shares where the recipe names one.
     pub plans: Vec<Document>,
     /// The pattern correction of each projector that has one.
     pub corrections: BTreeMap<String, PatternCorrection>,

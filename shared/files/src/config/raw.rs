@@ -11,6 +11,7 @@ pub(super) struct RawConfig {
     pub name: String,
     pub rig: String,
     pub plan: Option<String>,
+    pub calibration_shares: Option<String>,
     #[serde(default)]
     pub recipe: Vec<RawRecipe>,
     pub cycles: Option<u32>,
@@ -112,6 +113,7 @@ pub(super) struct RawProjector {
 pub(super) struct RawRecipe {
     pub name: String,
     pub plan: String,
+    pub calibration_shares: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -2,10 +2,12 @@
 
 use super::raw::RawConfig;
 use super::values::{referenced, value};
+use crate::calibration_shares::CalibrationShares;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::plan_file::parse_plan;
+use crate::rig_file::RigFile;
 use cell::configuration::{DEFAULT_RECIPE, Recipe};
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
@@ -19,26 +21,37 @@ const MAX_NAME: usize = 64;
 pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
+    rig: &RigFile,
 ) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
         return Err(document.fault("recipe", problem, "make two cells of it"));
     }
     let (mut all, mut files) = (Vec::new(), Vec::new());
-    let mut add = |name: &str, key: &str, path: &str| {
-        let file = referenced(document, key, path, Document::read)?;
-        let plan = parse_plan(&file)?;
-        let plan_sha256 = Some(sha256_hex(file.text.as_bytes()));
-        all.push(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256 });
+    let mut add = |name: &str, table: &str, path: &str, shares: Option<&str>| {
+        let file = referenced(document, &format!("{table}plan"), path, Document::read)?;
+        let mut plan = parse_plan(&file)?;
+        let sha256 = sha256_hex(file.text.as_bytes());
         files.push(file);
+        if let Some(path) = shares {
+            let key = format!("{table}calibration_shares");
+            let shares = referenced(document, &key, path, CalibrationShares::read)?;
+            plan = shares.join(plan, &sha256, rig)?;
+            files.push(shares.document);
+        }
+        all.push(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256: Some(sha256) });
         Ok(())
     };
     if let Some(plan) = &raw.plan {
-        add(DEFAULT_RECIPE, "plan", plan)?;
+        add(DEFAULT_RECIPE, "", plan, raw.calibration_shares.as_deref())?;
+    } else if raw.calibration_shares.is_some() {
+        let problem = Problem::Missing("the plan that the shares belong to".into());
+        return Err(document.fault("calibration_shares", problem, "name it as `plan`, or leave the key out"));
     }
     for (index, recipe) in raw.recipe.iter().enumerate() {
         check_name(document, index, raw)?;
-        add(&recipe.name, &format!("recipe[{index}].plan"), &recipe.plan)?;
+        let shares = recipe.calibration_shares.as_deref();
+        add(&recipe.name, &format!("recipe[{index}]."), &recipe.plan, shares)?;
     }
     if all.is_empty() {
         all.push(Recipe { name: DEFAULT_RECIPE.to_owned(), plan: None, plan_sha256: None });

@@ -178,6 +178,7 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&
         deviation: None,
         u_noise: None,
         u_system: feature.u_system,
+        u_calibration: feature.u_calibration,
         form_sigma_mm: None,
         form_range_mm: None,
         filter: None,
@@ -188,7 +189,9 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&
     };
     match measured {
         Ok(found) if found.is_finite() => {
-            let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
+            let calibration = feature.u_calibration.unwrap_or(0.0);
+            let stated2 = feature.u_system * feature.u_system + calibration * calibration;
+            let u = (found.u_noise * found.u_noise + stated2).sqrt();
             // No range lies below zero, so a flatness has no lower limit to prove.
             let lower = (!feature.quantity.one_sided()).then_some(feature.lower);
             let upper = feature.upper + found.bonus_mm.unwrap_or(0.0);

@@ -234,8 +234,11 @@ pub struct Feature {
     pub lower: f64,
     /// Upper limit of the value.
     pub upper: f64,
-    /// Standard uncertainty that the scatter of the points does not show: calibration, temperature, lens residuals.
+    /// Standard uncertainty that the scatter of the points does not show: temperature, artefact, and the calibration where nothing else
+    /// states it.
     pub u_system: f64,
+    /// Standard uncertainty by the calibration of the rig, which no plan states; `None`: not known.
+    pub u_calibration: Option<f64>,
 }
 
 /// A checked inspection plan.
@@ -262,6 +265,15 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// The same plan with the standard uncertainty by the calibration of the rig for each feature, in the order and unit of the features.
+    #[must_use]
+    pub fn with_calibration(mut self, shares: &[Option<f64>]) -> Self {
+        for (feature, share) in self.features.iter_mut().zip(shares) {
+            feature.u_calibration = *share;
+        }
+        self
+    }
+
     /// Name of an element, measured or constructed; empty for none.
     pub fn element_name(&self, index: usize) -> &str {
         let made = index.checked_sub(self.elements.len()).and_then(|i| self.constructed.get(i));

@@ -134,7 +134,7 @@ pub struct FeatureResult {
     pub value: Option<f64>,
     /// Of all its values.
     pub unit: Unit,
-    /// Standard uncertainty: `u_noise` and the plan's `u_system` in squares.
+    /// Standard uncertainty: `u_noise`, `u_system` and `u_calibration` in squares.
     pub u: Option<f64>,
     /// Lower limit of the value; `None` where the plan sets none.
     pub lower: Option<f64>,
@@ -150,6 +150,9 @@ pub struct FeatureResult {
     pub u_noise: Option<f64>,
     /// Standard uncertainty that the plan states for everything that scatter does not show.
     pub u_system: f64,
+    /// Standard uncertainty by the calibration of the rig; `None`: not part of `u`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_calibration: Option<f64>,
     /// Of a flatness: sample standard deviation of the residuals of the points used, unfiltered, mm.
     pub form_sigma_mm: Option<f64>,
     /// Of a flatness: range of the residuals of the points used, unfiltered, mm; the value itself without a filter.

@@ -106,5 +106,13 @@ pub(super) fn tolerated(
         "not below the lower deviation",
     )?;
     place.not_negative("u_system", u_system)?;
-    Ok(Feature { name, quantity, nominal, lower: nominal + low, upper: nominal + high, u_system })
+    Ok(Feature {
+        name,
+        quantity,
+        nominal,
+        lower: nominal + low,
+        upper: nominal + high,
+        u_system,
+        u_calibration: None,
+    })
 }

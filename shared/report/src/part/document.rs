@@ -19,13 +19,15 @@ pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
     )));
     blocks.push(Block::Heading("Where the uncertainty comes from".into()));
     blocks.push(Block::Table(shares(input)));
-    blocks.push(Block::Small(match input.shares {
-        Some(_) => "Standard uncertainties by the scatter of the points, by the covariance of the rig's calibration, and what the plan states \
+    let knows_calibration = result.features.iter().any(|f| f.u_calibration.is_some());
+    blocks.push(Block::Small(if knows_calibration {
+        "Standard uncertainties by the scatter of the points, by the calibration of the rig and the footprints of its cameras, and what the plan states \
                     for everything else (u_system: temperature, artefact). u is the root of the sum of their squares."
-            .into(),
-        None => "Standard uncertainties by the scatter of the points, and what the plan states for everything else (u_system). The \
+            .into()
+    } else {
+        "Standard uncertainties by the scatter of the points, and what the plan states for everything else (u_system). The \
                  calibration of the rig is not part of u, unless the plan states it; where neither does, u describes repeatability only."
-            .into(),
+            .into()
     }));
     blocks.push(Block::Heading("Elements".into()));
     blocks.push(Block::Table(elements(&result.elements)));
@@ -116,16 +118,16 @@ fn shares(input: &PartInput<'_>) -> Table {
         ("Unit", 0.8, false),
     ];
     let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
-    let row = |(index, f): (usize, &FeatureResult)| {
+    let row = |f: &FeatureResult| {
         let d = digits(f) + 1;
         let number = |value: Option<f64>| Cell::plain(value.map_or_else(|| NONE.to_owned(), |v| fixed(v, d)));
-        let parts = [f.u_noise, input.share(index), Some(f.u_system), f.u].map(number);
+        let parts = [f.u_noise, f.u_calibration, Some(f.u_system), f.u].map(number);
         let mut cells = vec![Cell::plain(&f.name)];
         cells.extend(parts);
         cells.push(Cell::plain(f.unit.to_string()));
         cells
     };
-    Table { columns, rows: input.result.features.iter().enumerate().map(row).collect() }
+    Table { columns, rows: input.result.features.iter().map(row).collect() }
 }
 
 fn elements(all: &[ElementResult]) -> Table {

@@ -25,17 +25,8 @@ pub struct PartInput<'a> {
     pub date: &'a str,
     /// What it was made with, label by label.
     pub made_with: &'a [(String, String)],
-    /// Of each feature the standard uncertainty by the calibration of the rig; `None`: it is not part of u.
-    pub shares: Option<&'a [Option<f64>]>,
     /// SHA-256 of the plan and the cloud together, hexadecimal.
     pub sha256: &'a str,
-}
-
-impl PartInput<'_> {
-    /// Standard uncertainty of a feature by the calibration, where it is part of u.
-    fn share(&self, feature: usize) -> Option<f64> {
-        self.shares?.get(feature).copied().flatten()
-    }
 }
 
 /// Writes the wanted formats; each file is complete or absent.

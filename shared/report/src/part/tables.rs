@@ -15,7 +15,7 @@ const HEAD: &str = "plan,date,part_verdict,feature,value,unit,u,nominal,deviatio
 pub fn csv(input: &PartInput<'_>) -> String {
     let mut text = format!("{HEAD}\r\n");
     let number = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
-    for (index, f) in input.result.features.iter().enumerate() {
+    for f in &input.result.features {
         let _ = write!(
             text,
             "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
@@ -37,7 +37,7 @@ pub fn csv(input: &PartInput<'_>) -> String {
             csv_field(f.detail.as_deref().unwrap_or_default()),
             input.guard_factor,
             number(f.u_noise),
-            number(input.share(index)),
+            number(f.u_calibration),
             f.u_system,
         );
     }

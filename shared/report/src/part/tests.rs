@@ -43,7 +43,6 @@ fn input(result: &InspectionResult) -> PartInput<'_> {
         guard_factor: 1.65,
         date: "2026-01-31T08:00:00Z",
         made_with: &[],
-        shares: None,
         sha256: "abcdef0123456789abcdef0123456789",
     }
 }

@@ -301,6 +301,12 @@ fn system_uncertainty_widens_the_guard_band() {
     assert!((feature.u.unwrap() - (0.0016 + feature.u_noise.unwrap().powi(2)).sqrt()).abs() < 1e-15);
     assert_eq!(feature.verdict, Some(Verdict::Indeterminate));
     assert_eq!(result.verdict, Verdict::Indeterminate);
+    // What the calibration adds does the same beside it.
+    let result = evaluate(&plan.with_calibration(&[Some(0.03)]), &Setup::new(5).cloud());
+    let feature = &result.features[0];
+    assert!((feature.u.unwrap() - (0.0025 + feature.u_noise.unwrap().powi(2)).sqrt()).abs() < 1e-15);
+    assert_eq!((feature.u_system, feature.u_calibration), (0.04, Some(0.03)));
+    assert_eq!(result.features[1].u_calibration, None);
 }
 
 proptest! {
