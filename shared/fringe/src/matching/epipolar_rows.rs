@@ -4,7 +4,7 @@
 //! phase has one place (up to noise), so a cursor that walks with the left pixels finds it in amortised constant
 //! time; and phases that two runs share are found as such, which makes ambiguity visible instead of silent.
 
-use super::phase_run::Run;
+use super::phase_run::{Clear, Run};
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
 
@@ -22,6 +22,12 @@ pub(super) struct Alone {
 impl Alone {
     /// No phase at all.
     const NONE: Self = Self { above: f32::INFINITY, below: f32::NEG_INFINITY, run: 0 };
+
+    /// Whether a phase is one of them.
+    #[inline(always)]
+    pub fn holds(&self, phase_rad: f32) -> bool {
+        self.above < phase_rad && phase_rad < self.below
+    }
 }
 
 /// Limits of the phase steps that separate two runs.
@@ -173,7 +179,8 @@ impl Row {
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
         let rising = cells[cells.len() - 1] > cells[0];
-        self.push((start, end), (low, high), rising, false);
+        let clear = Clear::of(cells, start, rising);
+        self.push((start, end), (low, high), rising, clear);
     }
 
     /// A run whose smallest and largest phase are those of its ends.
@@ -182,10 +189,12 @@ impl Row {
             return;
         }
         let (from, to) = (self.phase_rad[start], self.phase_rad[end]);
-        self.push((start, end), (from.min(to), from.max(to)), to > from, true);
+        let (low, high) = (from.min(to), from.max(to));
+        let clear = Clear { first: start as u32, last: end as u32, above: low, below: high };
+        self.push((start, end), (low, high), to > from, clear);
     }
 
-    fn push(&mut self, (start, end): (usize, usize), (low, high): (f32, f32), rising: bool, monotone: bool) {
+    fn push(&mut self, (start, end): (usize, usize), (low, high): (f32, f32), rising: bool, clear: Clear) {
         self.runs.push(Run {
             low,
             high,
@@ -194,7 +203,7 @@ impl Row {
             end: end as u32,
             cursor: start as u32,
             rising,
-            monotone,
+            clear,
             cells_per_rad: (end - start) as f64 / f64::from(high - low),
         });
     }
@@ -207,7 +216,7 @@ impl Row {
     pub fn find(&mut self, phase_rad: f32, near: Option<f64>, mut visit: impl FnMut(f64, f64)) {
         // Most phases are shown by one run alone, and so are their neighbours.
         let alone = self.alone;
-        if alone.above < phase_rad && phase_rad < alone.below {
+        if alone.holds(phase_rad) {
             let run = &mut self.runs[alone.run];
             if let Some(column) = run.walk(&self.phase_rad, phase_rad, near) {
                 visit(column, run.cells_per_rad);

@@ -118,9 +118,10 @@ impl Scan<'_> {
         let limbs = group.values(self.left_limbs);
         let [least, most] = self.limits_beside(simd, [x, row_y]);
         let tolerance = self.settings.left_right_tolerance_px;
-        let returned = task.left.return_beside(simd, &wanted, own, tolerance);
+        // Where noise was averaged out of the rows, the mean phase of this place is sought, and the fine stage searches farther.
+        let (sought, returned) = task.left.sought_beside(simd, &wanted, own, tolerance);
         let asked = bits(&live);
-        let places = task.right.columns(simd, &wanted, asked & returned);
+        let places = task.right.columns(simd, &sought, asked & returned);
         let coarse = places.column * self.right_grid.pitch + self.right_grid.x0;
         let disparity = x - coarse;
         let known = places.found & set(least.simd_le(disparity)) & set(disparity.simd_le(most));
@@ -292,7 +293,6 @@ impl Scan<'_> {
         let tolerance = self.settings.left_right_tolerance_px;
 
         let own = self.left_grid.column(x);
-        // Where noise was averaged out of the rows, the mean phase of this place is sought, and the fine stage searches farther.
         let sought = task.left.mean_at(own).unwrap_or(phase);
         let mut coarse = None;
         let mut cells_per_rad = 0.0_f64;

@@ -1,5 +1,51 @@
 //! A run of phase within a rectified row, and the walk through it.
 
+/// A part of a run in which no two neighbours change places, and the phases that the rest of the run does not show: a walk for one
+/// of them ends in the same cell, wherever it begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clear {
+    /// First cell of the part.
+    pub first: u32,
+    /// Last cell of the part.
+    pub last: u32,
+    /// All its phases above this one …
+    pub above: f32,
+    /// … and below that one, rad.
+    pub below: f32,
+}
+
+impl Clear {
+    /// The longest such part of a run that begins at a cell; `cells` are its phases, of which the last one is larger than the first one where
+    /// the run rises.
+    pub fn of(cells: &[f32], start: usize, rising: bool) -> Self {
+        let goes_on = |i: usize| if rising { cells[i - 1] <= cells[i] } else { cells[i - 1] >= cells[i] };
+        let (mut first, mut last, mut begin) = (0, 0, 0);
+        for cell in 1..cells.len() {
+            if !goes_on(cell) {
+                begin = cell;
+            } else if cell - begin > last - first {
+                (first, last) = (begin, cell);
+            }
+        }
+        let least = |cells: &[f32]| cells.iter().copied().fold(f32::INFINITY, f32::min);
+        let most = |cells: &[f32]| cells.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let (before, behind) = (&cells[..=first], &cells[last..]);
+        let (lower, upper) = if rising { (before, behind) } else { (behind, before) };
+        Self {
+            first: (start + first) as u32,
+            last: (start + last) as u32,
+            above: most(lower),
+            below: least(upper),
+        }
+    }
+
+    /// Whether a phase is among those of the part.
+    #[inline(always)]
+    pub fn holds(&self, phase_rad: f32) -> bool {
+        self.above < phase_rad && phase_rad < self.below
+    }
+}
+
 /// A continuous, monotone stretch of a row: a bracket lies between any two of its neighbouring cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Run {
@@ -17,8 +63,8 @@ pub struct Run {
     pub cursor: u32,
     /// Whether the phase grows with the column.
     pub rising: bool,
-    /// Whether no two neighbours change places.
-    pub monotone: bool,
+    /// The part of it that all searches find the same way.
+    pub clear: Clear,
     /// Cells per rad, in the mean.
     pub cells_per_rad: f64,
 }
