@@ -104,7 +104,7 @@ impl Row {
         while start < count {
             let (end, senses) = self.stretch(start);
             if senses & (RISES | FALLS) == RISES | FALLS {
-                self.smooth_stretch(start, end);
+                self.smooth_stretch(start, end, level);
                 self.cut(start, end, limits);
             } else {
                 self.close_monotone(start, end - 1);
@@ -175,11 +175,8 @@ impl Row {
             return;
         }
         let cells = &self.phase_rad[start..=end];
-        let (low, high) = cells
-            .iter()
-            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
         let rising = cells[cells.len() - 1] > cells[0];
-        let clear = Clear::of(cells, start, rising);
+        let (clear, [low, high]) = Clear::of(cells, start, rising);
         self.push((start, end), (low, high), rising, clear);
     }
 

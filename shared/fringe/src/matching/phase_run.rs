@@ -15,9 +15,9 @@ pub struct Clear {
 }
 
 impl Clear {
-    /// The longest such part of a run that begins at a cell; `cells` are its phases, of which the last one is larger than the first one where
-    /// the run rises.
-    pub fn of(cells: &[f32], start: usize, rising: bool) -> Self {
+    /// The longest such part of a run that begins at a cell, and the smallest and largest phase of the run; `cells` are its phases, of which the
+    /// last one is larger than the first one where the run rises.
+    pub fn of(cells: &[f32], start: usize, rising: bool) -> (Self, [f32; 2]) {
         let goes_on = |i: usize| if rising { cells[i - 1] <= cells[i] } else { cells[i - 1] >= cells[i] };
         let (mut first, mut last, mut begin) = (0, 0, 0);
         for cell in 1..cells.len() {
@@ -31,12 +31,8 @@ impl Clear {
         let most = |cells: &[f32]| cells.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let (before, behind) = (&cells[..=first], &cells[last..]);
         let (lower, upper) = if rising { (before, behind) } else { (behind, before) };
-        Self {
-            first: (start + first) as u32,
-            last: (start + last) as u32,
-            above: most(lower),
-            below: least(upper),
-        }
+        let (first, last) = ((start + first) as u32, (start + last) as u32);
+        (Self { first, last, above: most(lower), below: least(upper) }, [least(lower), most(upper)])
     }
 
     /// Whether a phase is among those of the part.
