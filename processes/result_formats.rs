@@ -72,6 +72,8 @@ fn made_with(cell: &LoadedCell, result: &CycleResult) -> Vec<(String, String)> {
         pair("Rig", format!("SHA-256 {}", result.rig_sha256)),
     ];
     all.extend(result.plan_sha256.iter().map(|hash| pair("Plan", format!("SHA-256 {hash}"))));
+    let shares = result.calibration_shares_sha256.iter();
+    all.extend(shares.map(|hash| pair("Shares of the calibration", format!("SHA-256 {hash}"))));
     all.extend(result.recipe.iter().map(|recipe| pair("Recipe", recipe.clone())));
     all.push(pair("Software", FRINGECELL.line()));
     all.push(pair("Date", result.date.clone()));

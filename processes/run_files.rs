@@ -12,6 +12,7 @@ use cell::executor::method_name;
 use cell::schedule::label;
 use devices::LoadedCell;
 use files::atomic;
+use files::cloud_pairs;
 use files::contradicted_footprints::{self, Contradicted};
 use files::ply::write_cloud;
 use files::result::{CycleResult, write_json};
@@ -77,6 +78,8 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
         ("method", method_name(&cell.config.rig)),
         ("version", &software),
     ];
+    let pairs = cloud_pairs::comment(cell.config.rig.pairs.iter().map(|pair| pair.name.as_str()));
+    comments.push((cloud_pairs::COMMENT, &pairs));
     comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)
 }
@@ -177,13 +180,12 @@ pub fn report_text(run: &RunFiles) -> Result<Option<String>> {
 
 /// Note on the uncertainties in the report.
 fn uncertainty_note(result: &CycleResult) -> &'static str {
-    if result.features.iter().any(|feature| feature.u_calibration.is_some()) {
+    if result.calibration_shares_sha256.is_some() {
         "Uncertainties contain the scatter of the points, the calibration of the rig, as it was found on one part (calibration_shares), and the \
-         contributions u_system_mm and u_system_deg of the inspection plan (temperature, artefact)."
+         contributions u_system_mm and u_system_deg of the inspection plan for everything besides."
     } else {
-        "Uncertainties contain the scatter of the points and the contributions u_system_mm and u_system_deg of the inspection plan (temperature, \
-         artefact). What the calibration of the rig adds is not part of them, unless the plan states it or the cell has calibration_shares; \
-         without, they describe repeatability only."
+        "Uncertainties contain the scatter of the points and the contributions u_system_mm and u_system_deg of the inspection plan. What the \
+         calibration of the rig adds is not part of them, unless the plan states it. If it states nothing, they describe repeatability only."
     }
 }
 

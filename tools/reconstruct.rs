@@ -16,6 +16,7 @@ use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
 use cell::executor::{Matched, PairMatcher, PhaseMethod, Views};
+use files::cloud_pairs;
 use files::contradicted_footprints::{self, Contradicted};
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
@@ -318,6 +319,8 @@ fn write_cloud(
         off.for_each(|off_px2| contradicted_footprints::add(&mut contradicted, &view.camera, off_px2));
     }
     let contradicted = contradicted_footprints::comment(&contradicted);
+    let pairs = cloud_pairs::comment(task.pairs.iter().map(|pair| pair.name.as_str()));
+    comments.push((cloud_pairs::COMMENT, pairs.as_str()));
     comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }

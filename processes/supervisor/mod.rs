@@ -38,6 +38,7 @@ pub use setup::{PageOptions, RunOptions};
 pub use summary::Summary;
 
 use crate::panic_drill::panic_if_requested;
+use crate::terminal;
 use anyhow::{Context, Result, anyhow};
 use cell::schedule::SUPERVISOR;
 use cycle::Input;
@@ -54,6 +55,7 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
     let interrupted = Arc::clone(&options.interrupted);
     ipc::os::catch_termination().context("handling the termination signals")?;
     privileges::claim(cell);
+    warn_of_calibration(cell);
     let mut supervisor = Supervisor::new(cell, options, interrupted)?;
     let ended = without_panic(|| event_loop(&mut supervisor, each));
     if let Err(error) = &ended {
@@ -71,6 +73,19 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
         tracing::error!("{error:#}");
     }
     ended.map(|()| summary)
+}
+
+/// Says which uncertainties hold nothing of the calibration.
+fn warn_of_calibration(cell: &LoadedCell) {
+    let recipes = cell.file.without_calibration();
+    if !recipes.is_empty() {
+        terminal::print_note(&format!(
+            "warning: {}: names the covariance of its calibration, which counts for nothing in the features of recipe {} that have no u_system; \
+             measure a part with `fringetool measure --rig --json` and name its result as calibration_shares, or state u_system_mm in the plan",
+            cell.file.rig_path.display(),
+            recipes.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
+        ));
+    }
 }
 
 /// Makes a panic an error: stages, files and clients are then left in order.

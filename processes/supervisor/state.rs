@@ -231,6 +231,7 @@ impl<'a> Supervisor<'a> {
         // A host that is led inspects nothing.
         let plan = recipe.and_then(|recipe| recipe.plan.as_ref()).filter(|_| self.cell.graph.leads());
         result.plan_sha256 = recipe.and_then(|recipe| recipe.plan_sha256.clone());
+        result.calibration_shares_sha256 = recipe.and_then(|recipe| recipe.calibration_shares_sha256.clone());
         self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use characterise::calibration::{Mode, PARAMETERS, modes};
 use characterise::sensor::FootprintEffect;
 use files::contradicted_footprints::Contradicted;
-use files::rig_file::{RigFile, read_rig};
+use files::rig_file::RigFile;
 use fringe::cloud::Point;
 use fringe::geometry::rig::Rig;
 use fringe::sensor::Sensor;
@@ -23,22 +23,21 @@ const LEAST_JUDGED: f64 = 0.5;
 pub fn with_calibration(
     plan: &Plan,
     points: &[Point],
-    rig: &Path,
+    rig_file: &RigFile,
     contradicted: &Contradicted,
-) -> Result<(InspectionResult, RigFile)> {
-    let rig_file = read_rig(rig)?;
-    let shares = shares(plan, points, &rig_file, contradicted)?;
+) -> Result<InspectionResult> {
+    let shares = shares(plan, points, rig_file, contradicted)?;
     let mut unknown = seeing(&rig_file.rig, points);
     unknown.retain(|name| rig_file.rig.sensor(name).footprint.is_none());
     if !unknown.is_empty() {
         eprintln!(
             "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what an estimate from white and black may \
              be wrong by; `fringetool calibrate` finds it",
-            rig.display(),
+            rig_file.path.display(),
             unknown.join(", ")
         );
     }
-    Ok((evaluate(&plan.clone().with_calibration(&shares), points), rig_file))
+    Ok(evaluate(&plan.clone().with_calibration(&shares), points))
 }
 
 /// What is open of the cameras' footprints: effects, and the standard uncertainty of the change that each belongs to, px².
@@ -183,7 +182,7 @@ mod tests {
     use super::*;
     use files::hash::sha256_hex;
     use files::plan_file::read_plan;
-    use files::rig_file::{CovarianceRef, covariance_beside};
+    use files::rig_file::{CovarianceRef, covariance_beside, read_rig};
     use fringe::sensor::Footprint;
 
     /// What a calibration adds to the diameter of a ball, mm: variances of the focal lengths along x of all cameras, and what the rig file

@@ -5,13 +5,15 @@ mod calibration_share;
 use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use calibration_share::with_calibration;
 pub use calibration_share::{OpenFootprints, feature_values, shares as calibration_shares};
+use files::cloud_pairs;
 use files::contradicted_footprints::{self, Contradicted};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
+use files::rig_file::read_rig;
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
 use report::Formats;
@@ -72,7 +74,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let flags: Vec<_> = [("--json", args.json.as_deref())].into_iter().chain(outputs.flags()).collect();
     check_outputs(&flags, &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
-    let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
+    let mut cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let contradicted = contradicted_footprints::of_cloud(&cloud).with_context(|| {
         format!(
             "{}: comment {} names no cameras with px²: reconstruct the cloud again",
@@ -81,8 +83,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         )
     })?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
+    let mut pairs = None;
     let result = if let Some(rig) = &args.rig {
-        let (result, file) = with_calibration(&plan, &cloud.points, rig, &contradicted)?;
+        let file = read_rig(rig)?;
+        let named = cloud_pairs::number_by_rig(&mut cloud, &file.rig.pairs);
+        pairs = Some(named.map_err(|fault| anyhow!("{}: {fault}", args.cloud.display()))?);
+        let result = with_calibration(&plan, &cloud.points, &file, &contradicted)?;
         if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
             eprintln!(
                 "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
@@ -98,7 +104,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         warn(&contradicted, &args.cloud);
         evaluate(&plan, &cloud.points)
     };
-    let all = machine_readable(args, cloud.points.len(), &result)?;
+    let mut all = machine_readable(args, cloud.points.len(), &result)?;
+    if let Some(pairs) = pairs {
+        all["pairs"] = json!(pairs);
+        all["cloud_rig_sha256"] = json!(cloud.comment("rig_sha256"));
+        for feature in all["features"].as_array_mut().into_iter().flatten() {
+            feature.as_object_mut().map(|feature| feature.entry("u_calibration").or_insert(Value::Null));
+        }
+    }
     write_report(
         args,
         &result,

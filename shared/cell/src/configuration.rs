@@ -87,6 +87,8 @@ pub struct Recipe {
     pub plan: Option<Plan>,
     /// SHA-256 of the file of the plan.
     pub plan_sha256: Option<String>,
+    /// SHA-256 of the file of the calibration's shares, where it has one.
+    pub calibration_shares_sha256: Option<String>,
 }
 
 /// Where frames come from or patterns go to.

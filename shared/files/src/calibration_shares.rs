@@ -5,8 +5,8 @@
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::provenance::Provenance;
-use crate::rig_file::RigFile;
-use metrology::inspection::Plan;
+use fringe::geometry::rig::Pair;
+use metrology::inspection::{Plan, Unit};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -21,16 +21,26 @@ pub struct CalibrationShares {
     found: Measured,
 }
 
+/// A larger share proves nothing, mm or degrees.
+const MOST: f64 = 1e3;
+
 /// What is read of the result of a measurement; it has further keys.
 #[derive(Debug, Clone, Deserialize)]
 struct Measured {
     features: Vec<Feature>,
     provenance: Provenance,
+    /// Names of the pairs whose points were measured; only with a rig file.
+    #[serde(default)]
+    pairs: Option<Vec<String>>,
+    /// SHA-256 of the rig file that the cloud was made with, where it is known.
+    #[serde(default)]
+    cloud_rig_sha256: Option<String>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
 struct Feature {
     name: String,
+    unit: Unit,
     #[serde(default)]
     u_calibration: Option<f64>,
 }
@@ -45,55 +55,105 @@ impl CalibrationShares {
         match serde_json::from_str(&document.text) {
             Ok(found) => Ok(Self { document, found }),
             Err(error) => {
-                let problem = Problem::Syntax(format!("is no result of a measurement: {error}"));
-                Err(FileError::new(path, problem, REMEDY))
+                let problem = Problem::Syntax(format!("is no result of a measurement ({error})"));
+                let mut fault = FileError::new(path, problem, REMEDY);
+                fault.line = Some(error.line()).filter(|line| *line > 0);
+                Err(fault)
             }
         }
     }
 
-    /// The plan with the share of each of its features.
+    /// The plan with the share of each of its features; `rig` is SHA-256 and path of the rig file, and the pairs that the cell measures.
     ///
     /// # Errors
-    /// They were found with another plan or another rig file, or the file lacks the share of a feature.
-    pub fn join(&self, plan: Plan, plan_sha256: &str, rig: &RigFile) -> Result<Plan, FileError> {
+    /// They were found with another plan, another rig file or other pairs, or the file lacks the share of a feature.
+    pub fn join(
+        &self,
+        plan: Plan,
+        plan_sha256: &str,
+        (rig_sha256, rig, pairs): (&str, &Path, &[Pair]),
+    ) -> Result<Plan, FileError> {
         let made = &self.found.provenance;
-        self.check("plan", made.plan_sha256.as_deref(), plan_sha256, &format!("the plan \"{}\"", plan.name))?;
-        self.check("rig file", made.rig_sha256.as_deref(), &rig.sha256, &rig.path.display().to_string())?;
-        let shares = plan.features.iter().map(|feature| self.share(&feature.name).map(Some));
+        let plans = ("plans", "provenance.plan_sha256", format!("the plan \"{}\"", plan.name));
+        self.check(plans, made.plan_sha256.as_deref(), plan_sha256)?;
+        let rigs = |key| ("rig files", key, rig.display().to_string());
+        self.check(rigs("provenance.rig_sha256"), made.rig_sha256.as_deref(), rig_sha256)?;
+        if let Some(cloud) = self.found.cloud_rig_sha256.as_deref() {
+            self.check(rigs("cloud_rig_sha256"), Some(cloud), rig_sha256)?;
+        }
+        self.check_pairs(pairs)?;
+        let shares = plan.features.iter().map(|one| self.share(&one.name, one.quantity.unit()).map(Some));
         let shares = shares.collect::<Result<Vec<_>, _>>()?;
         Ok(plan.with_calibration(&shares))
     }
 
+    fn fault(&self, key: &str, problem: Problem) -> FileError {
+        FileError::new(&self.document.path, problem, REMEDY).at(key)
+    }
+
     fn check(
         &self,
-        what: &'static str,
+        (what, key, there): (&'static str, &str, String),
         here: Option<&str>,
         wanted: &str,
-        there: &str,
     ) -> Result<(), FileError> {
         if here == Some(wanted) {
             return Ok(());
         }
         let here = match here {
-            Some(sha256) => format!("this part was measured with one of SHA-256 {sha256}"),
+            Some(sha256) => format!("this part was measured with SHA-256 {sha256}"),
             None => "this part was measured without one".to_owned(),
         };
-        let problem = Problem::Disagreement { what, here, there: format!("{there} has {wanted}") };
-        let key = format!("provenance.{}_sha256", if what == "plan" { "plan" } else { "rig" });
-        Err(FileError::new(&self.document.path, problem, REMEDY).at(&key))
+        let there = format!("{there} has SHA-256 {wanted}");
+        Err(self.fault(key, Problem::Disagreement { what, here, there }))
     }
 
-    fn share(&self, name: &str) -> Result<f64, FileError> {
-        let place = self.found.features.iter().position(|feature| feature.name == name);
-        let share = place.and_then(|place| self.found.features[place].u_calibration);
-        let fault = |problem| {
-            let key = place.map_or("features".to_owned(), |place| format!("features[{place}].u_calibration"));
-            Err(FileError::new(&self.document.path, problem, REMEDY).at(&key))
+    fn check_pairs(&self, pairs: &[Pair]) -> Result<(), FileError> {
+        let mut wanted: Vec<&str> = pairs.iter().map(|pair| pair.name.as_str()).collect();
+        let Some(found) = &self.found.pairs else {
+            return Err(
+                self.fault("pairs", Problem::Missing("the list of the pairs that saw the part".into()))
+            );
         };
-        match share {
-            Some(share) if share.is_finite() && share >= 0.0 => Ok(share),
-            Some(share) => fault(Problem::Value { value: share.to_string(), limit: "0 and more".into() }),
-            None => fault(Problem::Missing(format!("the share of feature \"{name}\""))),
+        let mut here: Vec<&str> = found.iter().map(String::as_str).collect();
+        wanted.sort_unstable();
+        here.sort_unstable();
+        if here == wanted {
+            return Ok(());
+        }
+        let problem = Problem::Disagreement {
+            what: "pairs",
+            here: format!("this part was seen by {}", here.join(", ")),
+            there: format!("the cell measures with {}", wanted.join(", ")),
+        };
+        Err(self.fault("pairs", problem))
+    }
+
+    fn share(&self, name: &str, unit: Unit) -> Result<f64, FileError> {
+        let mut named = self.found.features.iter().enumerate().filter(|(_, feature)| feature.name == name);
+        let Some((place, feature)) = named.next() else {
+            return Err(self.fault("features", Problem::Missing(format!("feature \"{name}\""))));
+        };
+        let key = |of: &str| format!("features[{place}].{of}");
+        if named.next().is_some() {
+            let problem = Problem::Duplicate { kind: "feature", name: name.to_owned() };
+            return Err(self.fault(&key("name"), problem));
+        }
+        if feature.unit != unit {
+            let problem =
+                Problem::Value { value: feature.unit.to_string(), limit: format!("the plan has {unit}") };
+            return Err(self.fault(&key("unit"), problem));
+        }
+        match feature.u_calibration {
+            Some(share) if (0.0..=MOST).contains(&share) => Ok(share),
+            Some(share) => {
+                let problem = Problem::Value { value: share.to_string(), limit: format!("0 … {MOST}") };
+                Err(self.fault(&key("u_calibration"), problem))
+            }
+            None => {
+                let problem = Problem::Missing(format!("the share of feature \"{name}\""));
+                Err(self.fault(&key("u_calibration"), problem))
+            }
         }
     }
 }

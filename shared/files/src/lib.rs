@@ -9,6 +9,7 @@ pub mod budget;
 pub mod bundled;
 pub mod calibration_shares;
 pub mod clock;
+pub mod cloud_pairs;
 pub mod cmm;
 pub mod config;
 pub mod contradicted_footprints;

@@ -44,6 +44,9 @@ pub struct CycleResult {
     /// What was made of fitted elements, in the order of the inspection plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub constructed: Vec<ConstructedResult>,
+    /// SHA-256 of the calibration's shares, hexadecimal; absent where the uncertainties hold none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration_shares_sha256: Option<String>,
     /// Name of the cell.
     #[serde(default)]
     pub cell: String,

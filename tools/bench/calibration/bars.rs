@@ -6,9 +6,9 @@ use cell::executor::PairMatcher;
 use characterise::calibration::Calibration;
 use files::document::Document;
 use files::scene_file::parse_scene;
-use fringe::fusion::{FusionSettings, fuse};
+use fringe::fusion::{Fuser, FusionSettings};
 use fringe::geometry::camera::Camera;
-use fringe::geometry::rig::{Pair, Rig};
+use fringe::geometry::rig::{Pair, Rig, pictures};
 use fringe::geometry::triangulate::triangulate;
 use fringe::matching::MatchSettings;
 use fringe::phase::PhaseMap;
@@ -226,7 +226,7 @@ fn spacings(
     }
     let slices: Vec<_> = clouds.iter().map(Vec::as_slice).collect();
     let mut fused = Vec::new();
-    fuse(&slices, &FusionSettings::default(), &mut fused);
+    Fuser::of_pictures(pictures(&rig.pairs)).fuse(&slices, &FusionSettings::default(), &mut fused);
     let spacing = |points: &[fringe::cloud::Point]| {
         let centre = |end: &Point3<f64>| {
             let near = ours_from_true * end;

@@ -45,7 +45,7 @@ impl Config {
             projectors(&document, &raw, &cameras, played, &settings.decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
         let twin = twin(&document, &raw, &rig_file)?;
-        let (recipes, plans) = recipes(&document, &raw, &rig_file)?;
+        let (recipes, plans) = recipes(&document, &raw, (&rig_file.sha256, &rig_file.path, &rig.pairs))?;
         let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
         let mut cell = Configuration {
             warm_up,
@@ -78,6 +78,7 @@ impl Config {
             cell,
             rig_path: rig_file.path,
             rig_sha256: rig_file.sha256,
+            has_covariance: rig_file.covariance.is_some(),
             plans,
             corrections,
             twin,

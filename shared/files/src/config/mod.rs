@@ -85,6 +85,7 @@ use crate::recording::Recording;
 use crate::scene_file::MeshFile;
 use cell::Configuration;
 use fringe::geometry::rig::Rig;
+use metrology::inspection::Plan;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use twin::TwinSettings;
@@ -105,6 +106,8 @@ pub struct Config {
     pub rig_path: PathBuf,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
+    /// Whether the rig file names the covariance of its calibration.
+    pub has_covariance: bool,
     /// The files of all recipes, in their order: each plan, and after it that of the calibration's shares where the recipe names one.
     pub plans: Vec<Document>,
     /// The pattern correction of each projector that has one.
@@ -193,6 +196,16 @@ impl Config {
     /// Names of the projectors that draw corrected patterns.
     pub fn corrected(&self) -> impl Iterator<Item = &str> {
         self.cell.projectors.iter().filter(|p| p.level_table.is_some()).map(|p| p.name.as_str())
+    }
+
+    /// Names of the recipes in whose verdicts the calibration counts for nothing, although the rig file says what is known of it: without its
+    /// shares, and with features for which the plan states nothing either.
+    pub fn without_calibration(&self) -> Vec<&str> {
+        let holds_none = |plan: &Plan| {
+            plan.features.iter().any(|feature| feature.u_calibration.is_none() && feature.u_system == 0.0)
+        };
+        let recipes = self.cell.recipes.iter().filter(|recipe| recipe.plan.as_ref().is_some_and(holds_none));
+        recipes.filter(|_| self.has_covariance).map(|recipe| recipe.name.as_str()).collect()
     }
 
     /// All that was read, each with its hash, the configuration first: equal hashes mean the same cell. Frames are not among

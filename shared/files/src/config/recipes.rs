@@ -7,8 +7,9 @@ use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::plan_file::parse_plan;
-use crate::rig_file::RigFile;
 use cell::configuration::{DEFAULT_RECIPE, Recipe};
+use fringe::geometry::rig::Pair;
+use std::path::Path;
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
 const MAX_RECIPES: usize = 1000;
@@ -21,7 +22,7 @@ const MAX_NAME: usize = 64;
 pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
-    rig: &RigFile,
+    rig: (&str, &Path, &[Pair]),
 ) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
@@ -33,13 +34,20 @@ pub(super) fn recipes(
         let mut plan = parse_plan(&file)?;
         let sha256 = sha256_hex(file.text.as_bytes());
         files.push(file);
+        let mut shares_sha256 = None;
         if let Some(path) = shares {
             let key = format!("{table}calibration_shares");
             let shares = referenced(document, &key, path, CalibrationShares::read)?;
             plan = shares.join(plan, &sha256, rig)?;
+            shares_sha256 = Some(sha256_hex(shares.document.text.as_bytes()));
             files.push(shares.document);
         }
-        all.push(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256: Some(sha256) });
+        all.push(Recipe {
+            name: name.to_owned(),
+            plan: Some(plan),
+            plan_sha256: Some(sha256),
+            calibration_shares_sha256: shares_sha256,
+        });
         Ok(())
     };
     if let Some(plan) = &raw.plan {
@@ -54,7 +62,8 @@ pub(super) fn recipes(
         add(&recipe.name, &format!("recipe[{index}]."), &recipe.plan, shares)?;
     }
     if all.is_empty() {
-        all.push(Recipe { name: DEFAULT_RECIPE.to_owned(), plan: None, plan_sha256: None });
+        let name = DEFAULT_RECIPE.to_owned();
+        all.push(Recipe { name, plan: None, plan_sha256: None, calibration_shares_sha256: None });
     }
     Ok((all, files))
 }

@@ -22,6 +22,7 @@ mod write;
 pub use read::{DamagedCycle, Ending, Next, RecordReader, RecordedCycle, StoredValue};
 pub use write::RecordWriter;
 
+use crate::hash::sha256_hex;
 pub use cell::Retention;
 use metrology::verdict::Verdict;
 use serde::{Deserialize, Serialize};
@@ -63,13 +64,16 @@ pub struct RecordHeader {
 pub struct RecordedRecipe {
     /// Name of the recipe.
     pub name: String,
-    /// SHA-256 of its inspection plan; absent when nothing is inspected.
+    /// SHA-256 of its inspection plan, with shares of the calibration that of the plan's and theirs one after the other; absent when nothing is
+    /// inspected.
     pub plan_sha256: Option<String>,
 }
 
 impl From<&cell::Recipe> for RecordedRecipe {
     fn from(recipe: &cell::Recipe) -> Self {
-        Self { name: recipe.name.clone(), plan_sha256: recipe.plan_sha256.clone() }
+        let both = |(plan, shares): (&String, &String)| sha256_hex(format!("{plan}{shares}").as_bytes());
+        let together = recipe.plan_sha256.as_ref().zip(recipe.calibration_shares_sha256.as_ref()).map(both);
+        Self { name: recipe.name.clone(), plan_sha256: together.or(recipe.plan_sha256.clone()) }
     }
 }
 

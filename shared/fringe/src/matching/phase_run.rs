@@ -1,7 +1,7 @@
 //! A run of phase within a rectified row, and the walk through it.
 
 /// A part of a run in which no two neighbours change places, and the phases that the rest of the run does not show: a walk for one
-/// of them ends in the same cell, wherever it begins.
+/// of them ends in the same cell, wherever it begins, unless several cells show just this phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clear {
     /// First cell of the part.
@@ -32,7 +32,9 @@ impl Clear {
         let (before, behind) = (&cells[..=first], &cells[last..]);
         let (lower, upper) = if rising { (before, behind) } else { (behind, before) };
         let (first, last) = ((start + first) as u32, (start + last) as u32);
-        (Self { first, last, above: most(lower), below: least(upper) }, [least(lower), most(upper)])
+        let (above, below) = (most(lower), least(upper));
+        // A dip behind it, or a bump before it, may be the farthest of all.
+        (Self { first, last, above, below }, [least(lower).min(below), most(upper).max(above)])
     }
 
     /// Whether a phase is among those of the part.
@@ -92,5 +94,47 @@ impl Run {
         // Neighbouring cells may show the same native pixel: any place between them is as good.
         let fraction = if from == to { 0.5 } else { (wanted - from) / (to - from) };
         inside.then_some(cell as f64 + fraction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Smallest and largest phase are those of all cells, and a walk for a phase of the clear part ends in one place from wherever it begins,
+        /// which is the only one.
+        #[test]
+        fn the_clear_part_is_found_from_everywhere(
+            steps in prop::collection::vec(-0.2_f32..0.4, 1..30),
+            falling in any::<bool>(),
+            share in 0.001_f32..0.999,
+        ) {
+            let sense = if falling { -1.0 } else { 1.0 };
+            let mut cells = vec![1.0];
+            for step in steps {
+                cells.push(cells[cells.len() - 1] + sense * step);
+            }
+            let rising = cells[cells.len() - 1] > cells[0];
+            let (clear, [low, high]) = Clear::of(&cells, 7, rising);
+            let brute = |pick: fn(f32, f32) -> f32| cells.iter().copied().reduce(pick).unwrap();
+            prop_assert_eq!([low, high], [brute(f32::min), brute(f32::max)]);
+            prop_assert!(clear.first >= 7 && clear.first < clear.last && (clear.last - 7) < cells.len() as u32);
+            let wanted = clear.above + share * (clear.below - clear.above);
+            prop_assume!(clear.holds(wanted) && !cells.contains(&wanted));
+            let held = |pair: &[f32]| pair[0].min(pair[1]) <= wanted && wanted <= pair[0].max(pair[1]);
+            let places: Vec<usize> = cells.windows(2).enumerate().filter(|(_, pair)| held(pair)).map(|(i, _)| i).collect();
+            prop_assert_eq!(places.len(), 1);
+            let mut row = vec![f32::NAN; 7];
+            row.extend(&cells);
+            let end = row.len() as u32 - 1;
+            for cursor in 7..end {
+                let (high_so_far, cells_per_rad, start) = (high, 1.0, 7);
+                let mut run = Run { low, high, high_so_far, start, end, cursor, rising, clear, cells_per_rad };
+                let place = run.walk(&row, wanted, None).unwrap();
+                prop_assert_eq!(place as usize, places[0] + 7);
+            }
+        }
     }
 }

@@ -22,7 +22,7 @@ pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
     let knows_calibration = result.features.iter().any(|f| f.u_calibration.is_some());
     blocks.push(Block::Small(if knows_calibration {
         "Standard uncertainties by the scatter of the points, by the calibration of the rig and the footprints of its cameras, and what the plan states \
-                    for everything else (u_system: temperature, artefact). u is the root of the sum of their squares."
+                    besides (u_system). u is the root of the sum of their squares."
             .into()
     } else {
         "Standard uncertainties by the scatter of the points, and what the plan states for everything else (u_system). The \
