@@ -91,8 +91,16 @@ fn a_cell_takes_the_shares_of_a_measured_part() {
     assert_eq!((of(&with, "value"), of(&with, "u_noise")), (of(&bare, "value"), of(&bare, "u_noise")));
     assert!((of(&with, "u") / of(&bare, "u").hypot(share) - 1.0).abs() < 1e-12, "{with}");
     assert!(note("the calibration of the rig, as it was found on one part"));
+    let record = cell.small.path("with.record");
+    let recorded = cell.run("played.toml", &["--cycles", "1", "--cycle-record", &record]);
+    assert_eq!(recorded.status.code(), Some(0), "{}", text(&recorded.stderr));
     let file = fs::read(cell.small.path("part.json")).unwrap();
     assert_eq!(results(&cell.out()).last().unwrap()["calibration_shares_sha256"], sha256_hex(&file));
+    fringetool(&["replay", &record]).expect_success();
+    cell.small.edit("part.json", "\"points\"", "\"of_points\"");
+    let replayed = fringetool(&["replay", &record]);
+    let changed = replayed.stderr.contains("the calibration_shares of recipe \"default\" changed");
+    assert!(replayed.code == Some(2) && changed, "{}", replayed.stderr);
 }
 
 /// Proves: shares of another rig, plan, pair, feature or unit, impossible ones, and a result without shares are refused with file, key and remedy,

@@ -138,7 +138,7 @@ fn check_recipes(args: &Args, header: &RecordHeader, cell: &Cell) -> Result<()> 
     let changed = header.recipes.iter().zip(&now).find(|(recorded, now)| recorded != now);
     let Some((recorded, _)) = changed else { return Ok(()) };
     bail!(
-        "{}: the inspection plan of recipe \"{}\", or the shares of its calibration, were changed since; restore them to replay",
+        "{}: the inspection plan or the calibration_shares of recipe \"{}\" changed since; restore them to replay",
         args.record.display(),
         recorded.name
     )
