@@ -269,6 +269,9 @@ fn recipes_have_names_of_their_own_and_plans_that_exist() {
     let names: Vec<&str> = config.cell.recipes.iter().map(|recipe| recipe.name.as_str()).collect();
     assert_eq!((names, config.plans[0].text.as_str()), (vec!["b", "a c"], plan));
     assert!(config.cell.recipes.iter().all(|recipe| recipe.plan.is_some()));
+    let shares = twin_text().replace("cycles = 2\n", "cycles = 2\ncalibration_shares = \"part.json\"\n");
+    let error = load(&dir, &shares).unwrap_err();
+    assert!(error.contains("calibration_shares: the plan that the shares belong to is missing"), "{error}");
     for (more, expected) in [
         (recipe("b", "no.toml"), "recipe[0].plan"),
         (recipe("b", "b.plan.toml"), "b.plan.toml:1: "),
@@ -278,6 +281,10 @@ fn recipes_have_names_of_their_own_and_plans_that_exist() {
             "recipe[1].name: recipe \"b\" occurs twice",
         ),
         (recipe("", "a.plan.toml"), "recipe[0].name"),
+        (
+            recipe("b", "a.plan.toml") + "calibration_shares = \"no.json\"\n",
+            "recipe[0].calibration_shares: the file ",
+        ),
         (recipe(&"x".repeat(65), "a.plan.toml"), "1 to 64 bytes"),
     ] {
         let error = with(&more).unwrap_err();
