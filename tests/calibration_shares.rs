@@ -121,7 +121,7 @@ fn shares_of_something_else_are_refused() {
         }
     };
     measure(&cell, false);
-    refused(&["provenance.rig_sha256", "was measured without one"]);
+    refused(&["provenance.rig_sha256", "was measured with an unknown one"]);
     measure(&cell, true);
     let change = |from: &str, to: &str| cell.small.edit("part.json", from, to);
     change("\"u_calibration\"", "\"u_of_calibration\"");
@@ -137,6 +137,9 @@ fn shares_of_something_else_are_refused() {
         "\"features\": [{ \"name\": \"d\", \"unit\": \"mm\", \"u_calibration\": 0.0 },",
     );
     refused(&["features[0].name", "feature \"d\" occurs twice"]);
+    change("\"cloud_rig_sha256\": \"", "\"cloud_rig_sha256\": null, \"was\": \"");
+    refused(&["cloud_rig_sha256", "was measured with an unknown one"]);
+    change("\"cloud_rig_sha256\": null, \"was\": \"", "\"cloud_rig_sha256\": \"");
     change("\"pair1\"", "\"pair1\", \"pair2\"");
     refused(&["pairs", "seen by pair1, pair2", "the cell measures with pair1"]);
     fs::write(cell.small.path("part.json"), "{}").unwrap();

@@ -13,7 +13,7 @@ use files::contradicted_footprints::{self, Contradicted};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
-use files::rig_file::read_rig;
+use files::rig_file::{RigFile, read_rig};
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
 use report::Formats;
@@ -89,15 +89,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let named = cloud_pairs::number_by_rig(&mut cloud, &file.rig.pairs);
         pairs = Some(named.map_err(|fault| anyhow!("{}: {fault}", args.cloud.display()))?);
         let result = with_calibration(&plan, &cloud.points, &file, &contradicted)?;
-        if let Some(made_with) = cloud.comment("rig_sha256").filter(|hash| *hash != file.sha256) {
-            eprintln!(
-                "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
-                 are of the same calibration",
-                args.cloud.display(),
-                rig.display(),
-                file.sha256
-            );
-        }
+        warn_of_other_rig(&args.cloud, cloud.comment("rig_sha256"), &file);
         provenance = provenance.rig(&file.sha256);
         result
     } else {
@@ -126,6 +118,26 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Says where the rig file may not be that of the cloud.
+fn warn_of_other_rig(cloud: &Path, made_with: Option<&str>, rig: &RigFile) {
+    match made_with {
+        Some(made_with) if made_with == rig.sha256 => {}
+        Some(made_with) => eprintln!(
+            "warning: {}: was made with a rig file of SHA-256 {made_with}, --rig {} has {}: the uncertainties hold only if both \
+             are of the same calibration",
+            cloud.display(),
+            rig.path.display(),
+            rig.sha256
+        ),
+        None => eprintln!(
+            "warning: {}: does not say which rig file it was made with: the uncertainties hold only if it was --rig {}, and only where the points \
+             were measured, not moved by a registration",
+            cloud.display(),
+            rig.path.display()
+        ),
+    }
 }
 
 /// Says what a result without `--rig` does not hold.

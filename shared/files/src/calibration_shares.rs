@@ -78,9 +78,7 @@ impl CalibrationShares {
         self.check(plans, made.plan_sha256.as_deref(), plan_sha256)?;
         let rigs = |key| ("rig files", key, rig.display().to_string());
         self.check(rigs("provenance.rig_sha256"), made.rig_sha256.as_deref(), rig_sha256)?;
-        if let Some(cloud) = self.found.cloud_rig_sha256.as_deref() {
-            self.check(rigs("cloud_rig_sha256"), Some(cloud), rig_sha256)?;
-        }
+        self.check(rigs("cloud_rig_sha256"), self.found.cloud_rig_sha256.as_deref(), rig_sha256)?;
         self.check_pairs(pairs)?;
         let shares = plan.features.iter().map(|one| self.share(&one.name, one.quantity.unit()).map(Some));
         let shares = shares.collect::<Result<Vec<_>, _>>()?;
@@ -102,7 +100,7 @@ impl CalibrationShares {
         }
         let here = match here {
             Some(sha256) => format!("this part was measured with SHA-256 {sha256}"),
-            None => "this part was measured without one".to_owned(),
+            None => "this part was measured with an unknown one".to_owned(),
         };
         let there = format!("{there} has SHA-256 {wanted}");
         Err(self.fault(key, Problem::Disagreement { what, here, there }))

@@ -222,9 +222,10 @@ mod tests {
         let error = write("format = \"fringecell-truth/1\"\n").unwrap_err();
         assert!(error.contains("add --force"), "{error}");
         assert!(fs::read_to_string(&path).unwrap().contains("rig"));
-        write("# newer\nformat = \"fringecell-rig/2\"\n").unwrap();
         fs::write(&path, "{}").unwrap();
         let error = write("format = \"fringecell-rig/2\"\n").unwrap_err();
         assert!(error.contains("is an empty object (JSON);"), "{error}");
+        fs::write(&path, "format = \"fringecell-rig/1\"\n").unwrap();
+        write("# newer\nformat = \"fringecell-rig/2\"\n").unwrap();
     }
 }
