@@ -2,10 +2,10 @@
 
 use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::{Result, ensure};
-use cell::graph::pictures;
 use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
+use fringe::geometry::rig::pictures;
 use ipc::IpcError;
 use ipc::header::Cloud;
 use ipc::os::now_ns;
@@ -54,7 +54,7 @@ impl Fusion {
         Ok(Self {
             parts: parts.collect::<Result<_>>()?,
             capacity,
-            fuser: Fuser::of_pictures(pictures(graph)),
+            fuser: Fuser::of_pictures(pictures(&context.cell.config.rig.pairs)),
             clouds: context.publisher("cloud/fused")?,
             text: TextBuffer::with_capacity(OVERLAP_BYTES * graph.pairs.len().pow(2) / 2),
         })

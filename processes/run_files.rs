@@ -78,7 +78,7 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
         ("method", method_name(&cell.config.rig)),
         ("version", &software),
     ];
-    let pairs = cloud_pairs::comment(cell.config.rig.pairs.iter().map(|pair| pair.name.as_str()));
+    let pairs = cloud_pairs::comment(&cell.config.rig.pairs);
     comments.push((cloud_pairs::COMMENT, &pairs));
     comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)

@@ -291,8 +291,7 @@ fn match_pairs(task: &Task, rig: &RigFile, views: &[DecodedView]) -> Result<Vec<
 fn join(clouds: &[PairCloud], settings: &Settings) -> (Vec<Point>, FusionReport) {
     let slices: Vec<&[Point]> = clouds.iter().map(|c| c.points.as_slice()).collect();
     let mut fused = Vec::new();
-    let pairs: Vec<Pair> = clouds.iter().map(|cloud| cloud.pair.clone()).collect();
-    let mut fuser = Fuser::of_pictures(pictures(&pairs));
+    let mut fuser = Fuser::of_pictures(pictures(clouds.iter().map(|cloud| &cloud.pair)));
     let fusion = fuser.fuse(&slices, &settings.fusion, &mut fused).clone();
     (fused, fusion)
 }
@@ -319,7 +318,7 @@ fn write_cloud(
         off.for_each(|off_px2| contradicted_footprints::add(&mut contradicted, &view.camera, off_px2));
     }
     let contradicted = contradicted_footprints::comment(&contradicted);
-    let pairs = cloud_pairs::comment(task.pairs.iter().map(|pair| pair.name.as_str()));
+    let pairs = cloud_pairs::comment(&task.pairs);
     comments.push((cloud_pairs::COMMENT, pairs.as_str()));
     comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)

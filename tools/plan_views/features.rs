@@ -8,7 +8,7 @@ use cell::executor::{PairMatcher, Views};
 use files::contradicted_footprints::Contradicted;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
-use fringe::geometry::rig::{Pair, pictures};
+use fringe::geometry::rig::pictures;
 use fringe::phase::PhaseMap;
 use metrology::inspection::{FeatureResult, Plan, Unit, evaluate};
 use serde::Serialize;
@@ -110,8 +110,7 @@ fn trials_of(task: &Task, plan: &Plan, trials: u32) -> Result<(Vec<Vec<FeatureRe
         .iter()
         .map(|pair| PairMatcher::new(rig, &rig.pairs[*pair], *pair, &task.settings.matching))
         .collect::<Result<Vec<_>, _>>()?;
-    let pairs: Vec<Pair> = lit.iter().map(|pair| rig.pairs[*pair].clone()).collect();
-    let mut fuser = Fuser::of_pictures(pictures(&pairs));
+    let mut fuser = Fuser::of_pictures(pictures(lit.iter().map(|pair| &rig.pairs[*pair])));
     let (mut first, mut results) = (Vec::new(), Vec::new());
     for trial in 0..trials {
         let mut clouds = Vec::new();

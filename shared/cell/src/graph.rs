@@ -229,13 +229,6 @@ impl PairNode {
     }
 }
 
-/// What the pairs are measured from: for each, the numbers of its pictures, one for each camera under each projector.
-pub fn pictures(graph: &Graph) -> Vec<Vec<usize>> {
-    let number = |pair: &PairNode, camera| pair.projector * graph.cameras.len() + camera;
-    let of = |pair: &PairNode| pair.cameras().into_iter().map(|camera| number(pair, camera)).collect();
-    graph.pairs.iter().map(of).collect()
-}
-
 /// Axes whose phases of a camera under a projector are used by a pair.
 pub fn axes_taken(graph: &Graph, camera: usize, projector: usize) -> Vec<Axis> {
     let takers = graph.pairs.iter().filter(|p| p.projector == projector && p.cameras().contains(&camera));

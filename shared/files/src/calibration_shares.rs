@@ -5,6 +5,7 @@
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::provenance::Provenance;
+use crate::result::parse_json;
 use fringe::geometry::rig::Pair;
 use metrology::inspection::{Plan, Unit};
 use serde::Deserialize;
@@ -52,15 +53,11 @@ impl CalibrationShares {
     /// A file that cannot be read, or another one than such a result.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let document = Document::read(path)?;
-        match serde_json::from_str(&document.text) {
-            Ok(found) => Ok(Self { document, found }),
-            Err(error) => {
-                let problem = Problem::Syntax(format!("is no result of a measurement ({error})"));
-                let mut fault = FileError::new(path, problem, REMEDY);
-                fault.line = Some(error.line()).filter(|line| *line > 0);
-                Err(fault)
-            }
-        }
+        let found = parse_json(path, &document.text).map_err(|fault| {
+            let problem = Problem::Syntax(format!("is no result of a measurement ({})", fault.problem));
+            FileError { problem: Box::new(problem), remedy: REMEDY.into(), ..fault }
+        })?;
+        Ok(Self { document, found })
     }
 
     /// The plan with the share of each of its features; `rig` is SHA-256 and path of the rig file, and the pairs that the cell measures.

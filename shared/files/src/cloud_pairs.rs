@@ -8,8 +8,12 @@ use fringe::geometry::rig::Pair;
 pub const COMMENT: &str = "pairs";
 
 /// The value of the comment.
-pub fn comment<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    serde_json::json!(names.into_iter().collect::<Vec<_>>()).to_string()
+pub fn comment(pairs: &[Pair]) -> String {
+    serde_json::json!(names(pairs)).to_string()
+}
+
+fn names(pairs: &[Pair]) -> Vec<String> {
+    pairs.iter().map(|pair| pair.name.clone()).collect()
 }
 
 /// Numbers the pairs of the points as the rig file does and gives the names of the pairs of the cloud, in the order of the rig file. A
@@ -18,27 +22,26 @@ pub fn comment<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
 /// # Errors
 /// What is wrong, and what helps: a comment that is no list of the rig's pairs, or points that do not tell their pair.
 pub fn number_by_rig(cloud: &mut Cloud, rig: &[Pair]) -> Result<Vec<String>, String> {
-    let known = |names: &[Pair]| names.iter().map(|pair| pair.name.clone()).collect::<Vec<_>>();
     if !cloud.columns.pair && rig.len() > 1 {
         return Err(
             "does not say which pair saw each point; take the cloud as `reconstruct` or a cell wrote it"
                 .into(),
         );
     }
-    let names = match cloud.comment(COMMENT) {
+    let held = match cloud.comment(COMMENT) {
         Some(text) => serde_json::from_str::<Vec<String>>(text).map_err(|error| {
             format!("comment {COMMENT} is no list of names ({error}); reconstruct the cloud again")
         })?,
-        None => known(rig),
+        None => names(rig),
     };
     let number = |name: &String| {
         let number = rig.iter().position(|pair| pair.name == *name);
         number.map(|number| number as u32).ok_or_else(|| {
-            let all = known(rig).join(", ");
+            let all = names(rig).join(", ");
             format!("was made of pair \"{name}\", the rig file has {all}: take the rig file that it was made with, and pairs of two cameras")
         })
     };
-    let numbers = names.iter().map(number).collect::<Result<Vec<u32>, String>>()?;
+    let numbers = held.iter().map(number).collect::<Result<Vec<u32>, String>>()?;
     for point in &mut cloud.points {
         let Some(number) = numbers.get(point.pair as usize) else {
             let count = numbers.len();
@@ -49,8 +52,7 @@ pub fn number_by_rig(cloud: &mut Cloud, rig: &[Pair]) -> Result<Vec<String>, Str
         };
         point.pair = *number;
     }
-    let held = |name: &String| names.contains(name);
-    Ok(known(rig).into_iter().filter(held).collect())
+    Ok(names(rig).into_iter().filter(|name| held.contains(name)).collect())
 }
 
 #[cfg(test)]
@@ -88,7 +90,8 @@ mod tests {
                 names.join(" "),
             ))
         };
-        let written = comment(["three", "one"]);
+        let [one, _, three] = rig().try_into().unwrap();
+        let written = comment(&[three, one]);
         assert_eq!(numbered(cloud(&[0, 1, 0], Some(&written))).unwrap(), (vec![2, 0, 2], "one three".into()));
         assert_eq!(numbered(cloud(&[2, 1], None)).unwrap(), (vec![2, 1], "one two three".into()));
         let untold = Cloud { columns: Columns::default(), ..cloud(&[0], None) };

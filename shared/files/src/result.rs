@@ -164,7 +164,15 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), FileError>
 /// # Errors
 /// Absent, not JSON, or other keys than meant; the message names the line.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
-    serde_json::from_str(&read_text(path)?).map_err(|error| {
+    parse_json(path, &read_text(path)?)
+}
+
+/// Parses a JSON text that was read.
+///
+/// # Errors
+/// Not of this kind, with the line.
+pub(crate) fn parse_json<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, FileError> {
+    serde_json::from_str(text).map_err(|error| {
         let mut fault = FileError::new(path, Problem::Syntax(error.to_string()), "");
         fault.line = Some(error.line()).filter(|line| *line > 0);
         fault

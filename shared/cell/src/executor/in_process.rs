@@ -5,13 +5,13 @@ use super::{ViewDecoder, ViewError, decoder, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
-use crate::graph::pictures;
 use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
 use fringe::decode::DecodeError;
 use fringe::frame::FrameView;
 use fringe::fusion::Fuser;
+use fringe::geometry::rig::pictures;
 use fringe::matching::MatchError;
 use fringe::pattern::Axis;
 use fringe::phase::{PHASE_BYTES_PER_PX, PhaseInfo, PhaseView, PhaseViewMut};
@@ -117,7 +117,7 @@ impl<'a> InProcess<'a> {
             cell,
             decoders,
             matchers: matchers.collect::<Result<_, _>>()?,
-            fuser: Fuser::of_pictures(pictures(&cell.graph)),
+            fuser: Fuser::of_pictures(pictures(&cell.config.rig.pairs)),
             frames: cell.graph.cameras.iter().map(|_| (0, Bytes::default())).collect(),
             phases: PhaseMaps::new(),
             clouds: vec![Vec::new(); cell.graph.pairs.len()],

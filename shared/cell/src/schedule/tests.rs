@@ -2,7 +2,7 @@
 
 use super::topics::FRAME_BUFFER;
 use super::*;
-use crate::graph::{CameraNode, PairNode, ProjectorNode, Right, axes_taken, pictures};
+use crate::graph::{CameraNode, PairNode, ProjectorNode, Right, axes_taken};
 use crate::retention::Retention;
 use fringe::pattern::Axis;
 
@@ -204,9 +204,6 @@ fn a_pair_with_its_projector_takes_both_phases_of_its_camera() {
     let matched = &schedule.activations[schedule.find(work).unwrap()];
     assert_eq!(matched.inputs.len(), 2);
     assert_eq!(axes_taken(&graph, 0, 0), [Axis::X, Axis::Y]);
-    // Under the other projector a camera takes other pictures.
-    graph.pairs.push(PairNode { name: "again".into(), left: 0, right: Right::Camera(1), projector: 1 });
-    assert_eq!(pictures(&graph), [vec![0], vec![4, 5], vec![3, 4]]);
 }
 
 /// A change that makes a graph impossible, and a part of the message that has to follow.

@@ -28,7 +28,7 @@ pub struct Pair {
 
 /// What pairs are measured from: for each, the numbers of its pictures, one for each camera under each projector. A projector
 /// takes none.
-pub fn pictures(pairs: &[Pair]) -> Vec<Vec<usize>> {
+pub fn pictures<'a>(pairs: impl IntoIterator<Item = &'a Pair>) -> Vec<Vec<usize>> {
     let mut known = Vec::new();
     let of = |pair: &Pair| {
         let cameras = [&pair.left, &pair.right].into_iter().filter(|view| **view != pair.projector);
@@ -41,7 +41,7 @@ pub fn pictures(pairs: &[Pair]) -> Vec<Vec<usize>> {
         };
         cameras.map(number).collect()
     };
-    pairs.iter().map(of).collect()
+    pairs.into_iter().map(of).collect()
 }
 
 /// All of it, in the order of the rig file.

@@ -3,7 +3,7 @@
 
 use super::epipolar_rows::{Alone, Row};
 use super::patch_lanes::set32;
-use super::phase_run::{Clear, Run};
+use super::phase_run::{Clear, Run, column_behind};
 use super::subpixel_lanes::{Bits, LANES, bits, set, whole};
 use crate::math::simd::widened;
 use fearless_simd::{
@@ -120,11 +120,9 @@ impl Row {
             if cell < clear.first as usize || cell >= clear.last as usize {
                 continue;
             }
-            let [from, to, mean_rad] = [self.phase_rad[cell], self.phase_rad[cell + 1], mean].map(f64::from);
-            let fraction = if from == to { 0.5 } else { (mean_rad - from) / (to - from) };
-            let inside = (from <= mean_rad && mean_rad <= to) || (to <= mean_rad && mean_rad <= from);
-            let near = (cell as f64 + fraction - columns[l]).abs() <= tolerance;
-            returned[l] = inside && near && clear.holds(mean) && self.alone.holds(mean);
+            let place = column_behind(&self.phase_rad, cell, mean);
+            let near = place.is_some_and(|place| (place - columns[l]).abs() <= tolerance);
+            returned[l] = near && clear.holds(mean) && self.alone.holds(mean);
         }
         (sought, bits(&returned))
     }

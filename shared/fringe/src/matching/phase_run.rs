@@ -67,6 +67,16 @@ pub struct Run {
     pub cells_per_rad: f64,
 }
 
+/// The column of a phase between a cell and the next one; `None` where they do not bracket it.
+#[inline(always)]
+pub fn column_behind(phase: &[f32], cell: usize, wanted: f32) -> Option<f64> {
+    let [from, to, wanted] = [phase[cell], phase[cell + 1], wanted].map(f64::from);
+    let inside = (from <= wanted && wanted <= to) || (to <= wanted && wanted <= from);
+    // Neighbouring cells may show the same native pixel: any place between them is as good.
+    let fraction = if from == to { 0.5 } else { (wanted - from) / (to - from) };
+    inside.then_some(cell as f64 + fraction)
+}
+
 impl Run {
     /// Walks from the cursor, or from a column within the run, to the bracket of a phase and interpolates in it; `None` where only
     /// the noise of the ends reaches that far.
@@ -88,12 +98,7 @@ impl Run {
             cell -= 1;
         }
         self.cursor = cell as u32;
-        let (from, to) = (f64::from(phase[cell]), f64::from(phase[cell + 1]));
-        let wanted = f64::from(wanted);
-        let inside = (from <= wanted && wanted <= to) || (to <= wanted && wanted <= from);
-        // Neighbouring cells may show the same native pixel: any place between them is as good.
-        let fraction = if from == to { 0.5 } else { (wanted - from) / (to - from) };
-        inside.then_some(cell as f64 + fraction)
+        column_behind(phase, cell, wanted)
     }
 }
 

@@ -187,9 +187,14 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&
         reason: None,
         detail: None,
     };
-    match measured {
-        Ok(found) if found.is_finite() && uncertainty(feature, found.u_noise).is_finite() => {
-            let u = uncertainty(feature, found.u_noise);
+    let calibration = feature.u_calibration.unwrap_or(0.0);
+    let stated2 = feature.u_system * feature.u_system + calibration * calibration;
+    let with_uncertainty = measured.map(|found| {
+        let u = (found.u_noise * found.u_noise + stated2).sqrt();
+        (found, u)
+    });
+    match with_uncertainty {
+        Ok((found, u)) if found.is_finite() && u.is_finite() => {
             // No range lies below zero, so a flatness has no lower limit to prove.
             let lower = (!feature.quantity.one_sided()).then_some(feature.lower);
             let upper = feature.upper + found.bonus_mm.unwrap_or(0.0);
@@ -210,13 +215,6 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&
         Err(reason) => result.reason = Some(reason),
     }
     result.described()
-}
-
-/// Noise, calibration and what the plan states, in squares.
-fn uncertainty(feature: &Feature, u_noise: f64) -> f64 {
-    let calibration = feature.u_calibration.unwrap_or(0.0);
-    let stated2 = feature.u_system * feature.u_system + calibration * calibration;
-    (u_noise * u_noise + stated2).sqrt()
 }
 
 fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
