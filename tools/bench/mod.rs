@@ -52,7 +52,7 @@ enum What {
     PhaseMethods(phase_methods::Args),
     /// Predictions of `plan-patterns` compared with results on the twin.
     PlanPatterns(planned::Args),
-    /// Speed of decoding and matching: nanoseconds per pixel, share of the memory bandwidth, total of a pair.
+    /// Speed of decoding, matching, fusion and inspection of the demo's part: time per pixel and point, share of the memory bandwidth.
     Speed(speed::Args),
     /// Stated uncertainty of a rotation stage's axis compared with its errors, over many seeds.
     StageAxis(stage_axis::Args),
