@@ -102,6 +102,14 @@ fn close_gaps(starts: &[usize], counts: &[PartCount], written: &mut [Point], rep
     }
 }
 
+/// Writes why a pixel gives no point.
+fn drop_pixel(pixel: usize, cause: Cause, slots: &mut IterMut<Point>, count: &mut PartCount) {
+    count.add(cause);
+    if let Some(dropped) = slots.next_back() {
+        *dropped = Point { pixel: pixel as u32, pair: cause as u32, ..Zeroable::zeroed() };
+    }
+}
+
 /// Decides whether a pixel becomes a point, or why it is dropped.
 pub(super) struct Selector<'a> {
     pub(super) view: &'a View<'a>,
@@ -142,11 +150,18 @@ impl Selector<'_> {
                 let ([x, y, z], [nx, ny, nz]) = (&found.position_mm, &found.normal);
                 let limbs = &self.samples.limbs[at..at + LANES];
                 for l in 0..LANES {
-                    if !found.settled[l] || (limbs[l] != 0 && found.turned_away[l]) {
+                    if !found.settled[l] {
                         if self.samples.depths[at + l].is_finite() {
                             self.place(at + l, pair, &mut slots, count);
                         }
                         continue;
+                    }
+                    if limbs[l] != 0 && found.turned_away[l] {
+                        let (sample, normal) = found.smoothed(self.samples.at(at + l), l);
+                        if self.at_limb(at + l, &sample, &normal) {
+                            drop_pixel(at + l, Cause::Steep, &mut slots, count);
+                            continue;
+                        }
                     }
                     let Some(point) = slots.next() else { return };
                     count.add(Cause::Point);
@@ -169,14 +184,13 @@ impl Selector<'_> {
     #[inline(never)]
     fn place(&self, pixel: usize, pair: u32, slots: &mut IterMut<Point>, count: &mut PartCount) {
         let (sample, normal, cause) = self.pixel(pixel);
-        count.add(cause);
-        if cause == Cause::Point {
-            let Some(point) = slots.next() else { return };
-            *point = self.view.point(&sample, pixel, pair, normal);
-            count.without_normal += u32::from(normal.is_none());
-        } else if let Some(dropped) = slots.next_back() {
-            *dropped = Point { pixel: pixel as u32, pair: cause as u32, ..Zeroable::zeroed() };
+        if cause != Cause::Point {
+            return drop_pixel(pixel, cause, slots, count);
         }
+        let Some(point) = slots.next() else { return };
+        count.add(cause);
+        *point = self.view.point(&sample, pixel, pair, normal);
+        count.without_normal += u32::from(normal.is_none());
     }
 
     /// The smoothed sample, its normal, and whether it is a point.

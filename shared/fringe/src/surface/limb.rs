@@ -175,6 +175,7 @@ impl Disc {
 
 impl Selector<'_> {
     /// Whether a limb in the picture of either camera shifts a point, and its noise does not hide that.
+    #[inline(never)]
     pub(super) fn at_limb(&self, pixel: usize, sample: &Sample, normal: &Vector3<f64>) -> bool {
         let marks = self.samples.limbs[pixel];
         if marks == 0 {

@@ -3,6 +3,7 @@
 //! Both matching approaches end here. The raster holds q = 1/Z, because the inverse depth of a plane n·X = c seen along
 //! (x, y, 1) is q = n·(x, y, 1)/c, affine in the image: neighbours are compared, and planes fitted, without bias.
 
+mod broken;
 mod buffers;
 mod build;
 mod cause;

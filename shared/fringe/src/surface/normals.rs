@@ -4,8 +4,10 @@
 //! over a window, turned into derivatives by x and y, gives n ∝ (∂q/∂x, ∂q/∂y, q − x ∂q/∂x − y ∂q/∂y): exact on planes,
 //! and on curved surfaces exact to second order where the window is symmetric.
 
+use super::broken::{Joined, is_readable, joined};
 use super::point::{Sample, View};
 use super::raster::Raster;
+use super::windows::HALF;
 use nalgebra::{Vector2, Vector3};
 
 /// A partial window needs so many samples for a plane: twice the three unknowns.
@@ -112,13 +114,14 @@ fn derivatives(view: &View, pixel: usize) -> [Vector2<f64>; 2] {
 #[inline]
 fn derivative(view: &View, pixel: usize, coordinate: usize, stride: usize, count: usize) -> Vector2<f64> {
     let at = |index: usize| Vector2::from(view.directions.at(index));
-    let low = coordinate > 0 && view.directions.at(pixel - stride)[0].is_finite();
-    let high = coordinate + 1 < count && view.directions.at(pixel + stride)[0].is_finite();
+    let there = |direction: &Vector2<f64>| direction.x.is_finite();
+    let low = (coordinate > 0).then(|| at(pixel - stride)).filter(there);
+    let high = (coordinate + 1 < count).then(|| at(pixel + stride)).filter(there);
     match (low, high) {
-        (true, true) => (at(pixel + stride) - at(pixel - stride)) * 0.5,
-        (false, true) => at(pixel + stride) - at(pixel),
-        (true, false) => at(pixel) - at(pixel - stride),
-        (false, false) => Vector2::repeat(f64::NAN),
+        (Some(low), Some(high)) => (high - low) * 0.5,
+        (None, Some(high)) => high - at(pixel),
+        (Some(low), None) => at(pixel) - low,
+        (None, None) => Vector2::repeat(f64::NAN),
     }
 }
 
@@ -160,31 +163,12 @@ fn full_window<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, 
 
 /// The fit over those samples of a window that lie on the surface of its centre.
 fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half: usize) -> Option<Plane> {
-    let (column, row) = (pixel % view.width, pixel / view.width);
-    let centre = &samples.at(pixel);
-    let mut n = 0.0;
-    let (mut su, mut sv, mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let (mut sq, mut suq, mut svq) = (0.0, 0.0, 0.0);
-    for line in row.saturating_sub(half)..(row + half + 1).min(view.height) {
-        for place in column.saturating_sub(half)..(column + half + 1).min(view.width) {
-            let sample = &samples.at(line * view.width + place);
-            let distance = line.abs_diff(row).max(place.abs_diff(column));
-            if !link.joins(centre, sample, distance) {
-                continue;
-            }
-            let (u, v) = (place as f64 - column as f64, line as f64 - row as f64);
-            let q = sample.inverse_depth - centre.inverse_depth;
-            n += 1.0;
-            su += u;
-            sv += v;
-            suu += u * u;
-            suv += u * v;
-            svv += v * v;
-            sq += q;
-            suq += u * q;
-            svq += v * q;
-        }
-    }
+    let readable = half == HALF && is_readable((view.width, view.height), pixel);
+    let Joined { n, su, sv, suu, suv, svv, sq, suq, svq } = if readable {
+        joined(view.width, samples, pixel, link)
+    } else {
+        joined_one_by_one(view, samples, pixel, link, half)
+    };
     if n < MIN_SAMPLES as f64 {
         return None;
     }
@@ -197,8 +181,36 @@ fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half:
     }
     let by_column = (cvv * cuq - cuv * cvq) / determinant;
     let by_row = (cuu * cvq - cuv * cuq) / determinant;
-    let value = centre.inverse_depth + (sq - by_column * su - by_row * sv) / n;
+    let value = samples.at(pixel).inverse_depth + (sq - by_column * su - by_row * sv) / n;
     Some(Plane { value, by_column, by_row })
+}
+
+/// The sums over a window of any size, which may reach beyond the image.
+fn joined_one_by_one(view: &View, samples: &Raster, pixel: usize, link: Link, half: usize) -> Joined {
+    let (column, row) = (pixel % view.width, pixel / view.width);
+    let centre = &samples.at(pixel);
+    let mut sums = Joined::default();
+    for line in row.saturating_sub(half)..(row + half + 1).min(view.height) {
+        for place in column.saturating_sub(half)..(column + half + 1).min(view.width) {
+            let sample = &samples.at(line * view.width + place);
+            let distance = line.abs_diff(row).max(place.abs_diff(column));
+            if !link.joins(centre, sample, distance) {
+                continue;
+            }
+            let (u, v) = (place as f64 - column as f64, line as f64 - row as f64);
+            let q = sample.inverse_depth - centre.inverse_depth;
+            sums.n += 1.0;
+            sums.su += u;
+            sums.sv += v;
+            sums.suu += u * u;
+            sums.suv += u * v;
+            sums.svv += v * v;
+            sums.sq += q;
+            sums.suq += u * q;
+            sums.svq += v * q;
+        }
+    }
+    sums
 }
 
 #[cfg(test)]

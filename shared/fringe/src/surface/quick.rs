@@ -6,10 +6,11 @@
 
 use super::limb::FRONTAL_COSINE2;
 use super::normals::MAX_SLOPE_NOISE;
-use super::point::{STEEP_ERROR, STEEP_SHARE, View};
+use super::point::{STEEP_ERROR, STEEP_SHARE, Sample, View};
 use super::raster::Raster;
 use super::smooth::{share_left, shared};
 use super::windows::{Block, Columns, HALF, LANES, Lanes, fits, taken};
+use nalgebra::Vector3;
 
 /// Keeps rounding out of a comparison.
 const STRICTER: f64 = 1.0 + 1e-9;
@@ -37,6 +38,20 @@ pub(super) struct Group {
     pub normal: [Lanes; 3],
     /// Standard uncertainty along the normal, mm.
     pub sigma_mm: [f32; LANES],
+    /// Unit normal in the view.
+    own_normal: [Lanes; 3],
+    /// Smoothed inverse depth and its standard uncertainty, 1/mm.
+    inverse_depth: Lanes,
+    sigma: [f32; LANES],
+}
+
+impl Group {
+    /// The smoothed sample and the normal of one of the pixels, in the view, as the general way gives them.
+    #[inline(always)]
+    pub fn smoothed(&self, sample: Sample, l: usize) -> (Sample, Vector3<f64>) {
+        let normal = Vector3::from(self.own_normal.map(|part| part[l]));
+        (Sample { inverse_depth: self.inverse_depth[l], sigma: self.sigma[l], ..sample }, normal)
+    }
 }
 
 /// What becomes of the pixels from `at` on, whose windows lie in the image.
@@ -66,6 +81,9 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
         position_mm: [zero; 3],
         normal: [zero; 3],
         sigma_mm: [0.0; LANES],
+        own_normal: [zero; 3],
+        inverse_depth: fits.smooth,
+        sigma: [0.0; LANES],
     };
     let world = view.world_from_sight;
     for l in 0..LANES {
@@ -96,6 +114,8 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
             out.position_mm[axis][l] = view.origin_mm[axis] + (a * px + b * py + c * pz);
             out.normal[axis][l] = a * nx + b * ny + c * nz;
         }
+        (out.own_normal[0][l], out.own_normal[1][l], out.own_normal[2][l]) = (nx, ny, nz);
+        out.sigma[l] = after;
         let share = (nx * x + ny * y + nz).abs();
         out.sigma_mm[l] = (share * depth * depth * f64::from(after)) as f32;
     }
@@ -193,14 +213,21 @@ pub(super) fn smoothed(
 mod tests {
     use super::super::build::Selector;
     use super::super::normals::Link;
-    use super::super::{Cause, Sample, SurfaceSettings};
+    use super::super::{Cause, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
     use crate::rectify::Directions;
-    use nalgebra::{Matrix3, Point3, Vector3};
+    use nalgebra::{Matrix3, Point3};
 
     const SIDE: usize = 60;
     const PITCH: f64 = 1.0 / 2330.0;
+
+    fn same_but_for_rounding(one: &(Sample, Vector3<f64>), other: &(Sample, Vector3<f64>)) {
+        let off = (one.0.inverse_depth - other.0.inverse_depth).abs();
+        assert!(off <= 1e-6 * f64::from(other.0.sigma), "{off}");
+        assert!((one.0.sigma / other.0.sigma - 1.0).abs() < 1e-6);
+        assert!((one.1 - other.1).norm() < 1e-9);
+    }
 
     /// A ball with noise before a plane far behind it, with specks: what is settled side by side is what the general way gives.
     #[test]
@@ -248,6 +275,7 @@ mod tests {
                     settled += 1;
                     let (sample, normal, cause) = selector.pixel(first + l);
                     assert_eq!(cause, Cause::Point);
+                    same_but_for_rounding(&found.smoothed(samples[first + l], l), &(sample, normal.unwrap()));
                     let point = view.point(&sample, first + l, 0, normal);
                     // But for rounding: a millionth of the uncertainty.
                     let sigma_mm = f64::from(point.sigma_mm);

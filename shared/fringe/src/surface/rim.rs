@@ -1,8 +1,10 @@
 //! Where a surface ends in the picture.
 
+use super::broken::{self, is_readable};
 use super::gaps::mark_row;
 use super::normals::Link;
 use super::raster::Raster;
+use super::windows::HALF;
 use crate::math::simd::{best_level, vectorised};
 use rayon::prelude::*;
 
@@ -94,6 +96,10 @@ pub(super) fn at_rim(
     link: Link,
     edge: usize,
 ) -> bool {
+    if edge == HALF && is_readable((width, height), pixel) {
+        let missing = broken::missing(width, samples, gaps, pixel, link);
+        return missing > specks((2 * HALF + 1) * (2 * HALF + 1));
+    }
     let (column, row) = (pixel % width, pixel / width);
     let centre = &samples.at(pixel);
     let (mut all, mut missing) = (0, 0);
