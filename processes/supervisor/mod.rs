@@ -78,7 +78,8 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
 /// Says which uncertainties hold nothing of the calibration.
 fn warn_of_calibration(cell: &LoadedCell) {
     let recipes = cell.file.without_calibration();
-    if !recipes.is_empty() {
+    // A host that is led inspects nothing.
+    if !recipes.is_empty() && cell.graph.leads() {
         terminal::print_note(&format!(
             "warning: {}: names the covariance of its calibration, which counts for nothing in the features of recipe {} that have no u_system; \
              measure a part with `fringetool measure --rig --json` and name its result as calibration_shares, or state u_system_mm in the plan",
