@@ -26,7 +26,7 @@ pub struct Args {
     /// Number of repeats of each measurement; the median is reported.
     #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
     repeats: usize,
-    /// Also measure cameras of 4496 × 3000 px (some minutes, 5 GiB).
+    /// Also measure cameras of 4496 × 3000 px (two minutes more, 5 GiB).
     #[arg(long)]
     large: bool,
     /// Write the result as JSON to this file; `-` is standard output.
