@@ -14,7 +14,7 @@ use fringe::fusion::{Fuser, FusionSettings};
 use fringe::geometry::rig::{Rig, pictures};
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
-use fringe::phase::PhaseMap;
+use fringe::phase::{PhaseInfo, PhaseMap};
 use metrology::inspection::{Plan, evaluate};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -67,7 +67,6 @@ struct Inputs {
     plan: Plan,
     /// What the left camera of the first pair sees, and its frames.
     view: View,
-    size_px: (u32, u32),
     frames: Vec<Buffer>,
     maps: Vec<PairMaps>,
 }
@@ -108,14 +107,14 @@ impl Inputs {
         let view = twin.view_lit_by(&pair.left, &[pair.projector.as_str()], 0)?;
         let frames = render(&twin, &view, &pair.projector, &sequence)?;
         let maps = decoded(&twin, &rig, &sequence, 0, &|_| DecodeSettings::default())?;
-        Ok(Self { rig, sequence, plan, view, size_px: (width_px, height_px), frames, maps })
+        Ok(Self { rig, sequence, plan, view, frames, maps })
     }
 
     fn measure(&self, threads: usize, repeats: usize, bandwidth: f64) -> Result<Times> {
         let [push_ms, finish_ms] = self.decoding(repeats)?;
         let (clouds, match_ms) = self.matching(repeats)?;
         let ([fuse_ms, inspect_ms], cloud_points) = self.inspection(&clouds, repeats);
-        let (width_px, height_px) = self.size_px;
+        let PhaseInfo { width_px, height_px, .. } = self.maps[0][0][0].info;
         let pixels = width_px as usize * height_px as usize;
         let decode_bytes = pixels * (self.frames.len() + size_of::<[f32; 3]>() + 1);
         let decode_s = (push_ms + finish_ms) * 1e-3;
@@ -163,22 +162,22 @@ impl Inputs {
 
     /// The clouds of all pairs, and the time of the first.
     fn matching(&self, repeats: usize) -> Result<(Vec<Vec<Point>>, f64)> {
-        let (mut clouds, mut times) = (Vec::new(), Vec::new());
+        let (mut clouds, mut match_ms) = (Vec::new(), Vec::new());
         for (number, (pair, [left, right])) in self.rig.pairs.iter().zip(&self.maps).enumerate() {
             let mut matcher = PairMatcher::new(&self.rig, pair, number, &MatchSettings::default())?;
             let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
-            let mut count = 0;
-            for _ in 0..if number == 0 { repeats } else { 1 } {
+            let runs = if number == 0 { repeats } else { 1 };
+            let (mut count, mut times) = (0, Vec::new());
+            for _ in 0..runs {
                 let start = Instant::now();
                 count = matcher.run(&views(left), &views(right), &mut points)?.points();
-                if number == 0 {
-                    times.push(elapsed_ms(start));
-                }
+                times.push(elapsed_ms(start));
             }
             points.truncate(count as usize);
             clouds.push(points);
+            match_ms.push(median(times));
         }
-        Ok((clouds, median(times)))
+        Ok((clouds, match_ms[0]))
     }
 
     /// Fusion of all clouds, and inspection of what it gives; the number of points of all clouds.

@@ -53,10 +53,8 @@ fn row(width: usize, samples: &Raster, pixel: usize, link: Link, r: usize) -> (L
     let (mut one, mut q) = ([0.0; LANES], [0.0; LANES]);
     for k in 0..LANES {
         let distance = k.abs_diff(HALF).max(r.abs_diff(HALF));
-        // As `Link::joins`.
-        let limit = link.max_step * distance as f64 * middle.abs() + 3.0 * f64::from(sigma + sigmas[k]);
         let difference = depths[k] - middle;
-        let joined = (difference.abs() <= limit) & (k < SIDE);
+        let joined = (difference.abs() <= link.limit(middle, sigma + sigmas[k], distance)) & (k < SIDE);
         one[k] = if joined { 1.0 } else { 0.0 };
         q[k] = if joined { difference } else { 0.0 };
     }
@@ -111,6 +109,7 @@ fn count(width: usize, samples: &Raster, gaps: &[u8], pixel: usize, link: Link) 
 #[cfg(test)]
 mod tests {
     use super::super::Sample;
+    use super::super::normals::joined_one_by_one;
     use super::*;
     use crate::math::random::{Key, normal_quantile};
 
@@ -134,21 +133,14 @@ mod tests {
             if !is_readable((width, height), pixel) {
                 continue;
             }
-            let (mut expected, mut absent) = (Joined::default(), 0);
-            for (r, k) in (0..SIDE).flat_map(|r| (0..SIDE).map(move |k| (r, k))) {
+            let expected = joined_one_by_one((width, height), &raster, pixel, link, HALF);
+            let places = (0..SIDE).flat_map(|r| (0..SIDE).map(move |k| (r, k)));
+            let absent = places.filter(|(r, k)| {
                 let place = pixel + r * width + k - HALF * width - HALF;
-                let (u, v) = (k as f64 - HALF as f64, r as f64 - HALF as f64);
                 let distance = k.abs_diff(HALF).max(r.abs_diff(HALF));
-                if !link.joins(&samples[pixel], &samples[place], distance) {
-                    absent += u16::from(gaps[place] == 0);
-                    continue;
-                }
-                let q = samples[place].inverse_depth - samples[pixel].inverse_depth;
-                let e = &mut expected;
-                (e.n, e.su, e.sv) = (e.n + 1.0, e.su + u, e.sv + v);
-                (e.suu, e.suv, e.svv) = (e.suu + u * u, e.suv + u * v, e.svv + v * v);
-                (e.sq, e.suq, e.svq) = (e.sq + q, e.suq + u * q, e.svq + v * q);
-            }
+                gaps[place] == 0 && !link.joins(&samples[pixel], &samples[place], distance)
+            });
+            let absent = absent.count() as u16;
             let found = joined(width, &raster, pixel, link);
             let whole = |s: &Joined| [s.n, s.su, s.sv, s.suu, s.suv, s.svv];
             assert_eq!(whole(&found), whole(&expected), "{pixel}");

@@ -175,6 +175,7 @@ impl Disc {
 
 impl Selector<'_> {
     /// Whether a limb in the picture of either camera shifts a point, and its noise does not hide that.
+    // Asked of few pixels, from rows that are compiled for each level of instructions.
     #[inline(never)]
     pub(super) fn at_limb(&self, pixel: usize, sample: &Sample, normal: &Vector3<f64>) -> bool {
         let marks = self.samples.limbs[pixel];

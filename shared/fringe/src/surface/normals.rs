@@ -24,11 +24,15 @@ impl Link {
     /// Whether two samples `distance` pixels apart lie on the same surface; never for absent ones.
     #[inline]
     pub fn joins(self, a: &Sample, b: &Sample, distance: usize) -> bool {
-        // Three sigmas of both, so that noise alone does not tear a surface.
-        let noise = 3.0 * f64::from(a.sigma + b.sigma);
         // NaN fails the comparison.
-        (a.inverse_depth - b.inverse_depth).abs()
-            <= self.max_step * distance as f64 * a.inverse_depth.abs() + noise
+        (a.inverse_depth - b.inverse_depth).abs() <= self.limit(a.inverse_depth, a.sigma + b.sigma, distance)
+    }
+
+    /// Largest difference of the inverse depths of two samples on one surface, from the inverse depth of the first and the sum of both uncertainties.
+    #[inline(always)]
+    pub fn limit(self, inverse_depth: f64, sigmas: f32, distance: usize) -> f64 {
+        // Three sigmas of both, so that noise alone does not tear a surface.
+        self.max_step * distance as f64 * inverse_depth.abs() + 3.0 * f64::from(sigmas)
     }
 }
 
@@ -167,7 +171,7 @@ fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half:
     let Joined { n, su, sv, suu, suv, svv, sq, suq, svq } = if readable {
         joined(view.width, samples, pixel, link)
     } else {
-        joined_one_by_one(view, samples, pixel, link, half)
+        joined_one_by_one((view.width, view.height), samples, pixel, link, half)
     };
     if n < MIN_SAMPLES as f64 {
         return None;
@@ -186,13 +190,19 @@ fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half:
 }
 
 /// The sums over a window of any size, which may reach beyond the image.
-fn joined_one_by_one(view: &View, samples: &Raster, pixel: usize, link: Link, half: usize) -> Joined {
-    let (column, row) = (pixel % view.width, pixel / view.width);
+pub(super) fn joined_one_by_one(
+    (width, height): (usize, usize),
+    samples: &Raster,
+    pixel: usize,
+    link: Link,
+    half: usize,
+) -> Joined {
+    let (column, row) = (pixel % width, pixel / width);
     let centre = &samples.at(pixel);
     let mut sums = Joined::default();
-    for line in row.saturating_sub(half)..(row + half + 1).min(view.height) {
-        for place in column.saturating_sub(half)..(column + half + 1).min(view.width) {
-            let sample = &samples.at(line * view.width + place);
+    for line in row.saturating_sub(half)..(row + half + 1).min(height) {
+        for place in column.saturating_sub(half)..(column + half + 1).min(width) {
+            let sample = &samples.at(line * width + place);
             let distance = line.abs_diff(row).max(place.abs_diff(column));
             if !link.joins(centre, sample, distance) {
                 continue;
