@@ -55,7 +55,7 @@ struct Counts<'a> {
     bounce_masked: usize,
     /// Blur that was removed, px; null where none was found.
     footprint_px: Option<f64>,
-    /// By how much the variance that the frames show differs from that of the rig file, px², where they contradict it.
+    /// By how much its variance differs from what was removed, px², where the frames contradict the rig file, or settings do, or nothing was removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     footprint_off_px2: Option<f64>,
     ignored: &'a [String],
@@ -177,7 +177,7 @@ impl Decode {
             bounce_raised: report.bounced.raised,
             bounce_masked: report.bounced.masked,
             footprint_px: report.footprint_px,
-            footprint_off_px2: report.sensor.footprint_off_px2(),
+            footprint_off_px2: report.footprint_off_px2(),
             ignored: &report.ignored,
             order: report.order,
             motion: report.motion,

@@ -13,7 +13,7 @@ use cell::schedule::label;
 use devices::LoadedCell;
 use files::atomic;
 use files::cloud_pairs;
-use files::contradicted_footprints::{self, Contradicted};
+use files::footprints_off::{self, FootprintsOff};
 use files::ply::write_cloud;
 use files::result::{CycleResult, write_json};
 use files::trace::{TraceCycle, TraceSpan, write_trace};
@@ -67,10 +67,10 @@ pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
     report(folder, run)
 }
 
-/// Writes the fused cloud, with what the frames of its cycle contradict.
+/// Writes the fused cloud, with what its cycle says of the footprints.
 pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&CycleResult>) -> Result<()> {
     let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
-    let contradicted = result.map(contradicted).and_then(|all| contradicted_footprints::comment(&all));
+    let cameras_off = result.map(cameras_off).and_then(|all| footprints_off::comment(&all));
     let mut comments = vec![
         ("rig_sha256", cell.file.rig_sha256.as_str()),
         ("config_sha256", &cell.file.sha256),
@@ -80,17 +80,17 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
     ];
     let pairs = cloud_pairs::comment(&cell.config.rig.pairs);
     comments.push((cloud_pairs::COMMENT, &pairs));
-    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
+    comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)
 }
 
-/// The footprints that the frames of a cycle contradict.
-fn contradicted(result: &CycleResult) -> Contradicted {
-    let mut all = Contradicted::new();
+/// The footprints that differ from what was taken off in a cycle.
+fn cameras_off(result: &CycleResult) -> FootprintsOff {
+    let mut all = FootprintsOff::new();
     for (output, report) in &result.reports {
         let camera = output.strip_prefix("phase/").and_then(|rest| rest.split('/').next());
-        if let (Some(camera), Some(off_px2)) = (camera, report[contradicted_footprints::COMMENT].as_f64()) {
-            contradicted_footprints::add(&mut all, camera, off_px2);
+        if let (Some(camera), Some(off_px2)) = (camera, report[footprints_off::COMMENT].as_f64()) {
+            footprints_off::add(&mut all, camera, off_px2);
         }
     }
     all

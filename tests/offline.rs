@@ -60,9 +60,32 @@ fn a_footprint_that_frames_contradict_goes_with_the_cloud(folder: &TempDir) {
         (header.contains("comment footprint_off_px2: {\"cam2\":-1."), measured.stderr)
     };
     let (named, warning) = told(&path("blurred.toml"));
-    assert!(named && warning.contains("another footprint of cam2 than its rig file"), "{warning}");
+    assert!(
+        named && warning.contains("another footprint was taken off the frames of cam2 than"),
+        "{warning}"
+    );
     let (named, warning) = told("configs/demo-rig.toml");
     assert!(!named && warning.is_empty(), "{warning}");
+    a_footprint_that_was_not_taken_off_goes_with_the_cloud(folder);
+}
+
+/// Of the same recording, by a cell whose settings take nothing off: the cloud says what is left, also when it is converted, and who measures
+/// on it is told.
+fn a_footprint_that_was_not_taken_off_goes_with_the_cloud(folder: &TempDir) {
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let cell = std::fs::read_to_string(path("cell.toml")).unwrap();
+    std::fs::write(path("nothing.toml"), format!("{cell}\n[decode]\nfootprint_px = 0.0\n")).unwrap();
+    let (cloud, converted) = (path("nothing.ply"), path("converted.ply"));
+    let reconstruct = ["reconstruct", "--config", &path("nothing.toml"), "--out", &cloud, &path("rec")];
+    fringetool(&reconstruct).expect_success();
+    fringetool(&["convert", &cloud, "--out", &converted]).expect_success();
+    let header = |cloud: &str| String::from_utf8_lossy(&std::fs::read(cloud).unwrap()[..1000]).into_owned();
+    for name in ["footprint_off_px2: {\"cam1\":0.2,", "rig_sha256: ", "pairs: "] {
+        assert!(header(&cloud).contains(name) && header(&converted).contains(name), "{}", header(&converted));
+    }
+    assert_eq!(header(&converted).matches("unit: ").count(), 1);
+    let warning = fringetool(&["measure", "configs/complex-artefact.plan.toml", &converted]).stderr;
+    assert!(warning.contains("the frames of cam1, cam2, cam3, cam4 than"), "{warning}");
 }
 
 fn cell_without_scatter(folder: &TempDir) -> String {

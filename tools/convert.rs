@@ -4,6 +4,7 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::surface::{length, read_cloud_in_mm};
 use anyhow::{Context, Result, bail};
+use files::ply::Cloud;
 use fringe::cloud::Point;
 use metrology::spatial::thinned_cloud;
 use metrology::surface_net::{NetCheck, Opening, SurfaceNet};
@@ -82,12 +83,13 @@ impl From<&Opening> for Hole {
 pub fn run(args: &Args) -> Result<Outcome> {
     let format = Format::of(&args.out, args.mesh)?;
     check_outputs(&[("--out", Some(&args.out)), ("--json", args.json.as_deref())], &[&args.cloud], None)?;
-    let read = read_cloud_in_mm(&args.cloud)?.points;
+    let Cloud { points: read, comments, .. } = read_cloud_in_mm(&args.cloud)?;
     let points_read = read.len();
     let points = kept(args, read)?;
     let mesh = match format {
         Format::PlyCloud => {
-            files::ply::write_cloud(&args.out, &points, &[("source", &args.cloud.display().to_string())])?;
+            let source = args.cloud.display().to_string();
+            files::ply::write_cloud(&args.out, &points, &said(&comments, &source))?;
             None
         }
         Format::E57 => {
@@ -134,6 +136,12 @@ impl Format {
             _ => bail!("--out {}: name a .ply, .e57 or .stl file", out.display()),
         }
     }
+}
+
+/// What the cloud says of how it was measured, which the points that are left share, and where they come from.
+fn said<'a>(comments: &'a [String], source: &'a str) -> Vec<(&'a str, &'a str)> {
+    let kept = comments.iter().filter_map(|line| line.split_once(": "));
+    kept.filter(|(key, _)| !["unit", "source"].contains(key)).chain([("source", source)]).collect()
 }
 
 /// The points that are asked for.

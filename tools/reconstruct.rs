@@ -17,7 +17,7 @@ use anyhow::{Context, Result, bail};
 use cell::Settings;
 use cell::executor::{Matched, PairMatcher, PhaseMethod, Views};
 use files::cloud_pairs;
-use files::contradicted_footprints::{self, Contradicted};
+use files::footprints_off::{self, FootprintsOff};
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
@@ -312,15 +312,15 @@ fn write_cloud(
         ("method", task.method),
         ("software", software.as_str()),
     ]);
-    let mut contradicted = Contradicted::new();
+    let mut cameras_off = FootprintsOff::new();
     for view in views {
-        let off = view.maps.iter().filter_map(|decoded| decoded.report.sensor.footprint_off_px2());
-        off.for_each(|off_px2| contradicted_footprints::add(&mut contradicted, &view.camera, off_px2));
+        let off = view.maps.iter().filter_map(|decoded| decoded.report.footprint_off_px2());
+        off.for_each(|off_px2| footprints_off::add(&mut cameras_off, &view.camera, off_px2));
     }
-    let contradicted = contradicted_footprints::comment(&contradicted);
+    let cameras_off = footprints_off::comment(&cameras_off);
     let pairs = cloud_pairs::comment(&task.pairs);
     comments.push((cloud_pairs::COMMENT, pairs.as_str()));
-    comments.extend(contradicted.as_ref().map(|text| (contradicted_footprints::COMMENT, text.as_str())));
+    comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 

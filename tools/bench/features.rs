@@ -12,7 +12,7 @@ use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::{Result, bail};
-use files::contradicted_footprints::Contradicted;
+use files::footprints_off::FootprintsOff;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
 use fringe::geometry::rig::{Named, Rig};
@@ -175,7 +175,7 @@ fn shares(
     let footprints = if sensors.is_empty() {
         OpenFootprints::default()
     } else {
-        OpenFootprints::new(&calibrated.rig, sensors, &Contradicted::new(), points)
+        OpenFootprints::new(&calibrated.rig, sensors, &FootprintsOff::new(), points)
     };
     let here = feature_values(&bench.plan, points);
     Ok(footprints.shares((&calibrated.modes()?, 1.0), &bench.plan, points, &here))

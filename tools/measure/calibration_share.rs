@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{Mode, PARAMETERS, modes};
 use characterise::sensor::FootprintEffect;
-use files::contradicted_footprints::Contradicted;
+use files::footprints_off::FootprintsOff;
 use files::rig_file::RigFile;
 use fringe::cloud::Point;
 use fringe::geometry::rig::Rig;
@@ -24,9 +24,9 @@ pub fn with_calibration(
     plan: &Plan,
     points: &[Point],
     rig_file: &RigFile,
-    contradicted: &Contradicted,
+    cameras_off: &FootprintsOff,
 ) -> Result<InspectionResult> {
-    let shares = shares(plan, points, rig_file, contradicted)?;
+    let shares = shares(plan, points, rig_file, cameras_off)?;
     let mut unknown = seeing(&rig_file.rig, points);
     unknown.retain(|name| rig_file.rig.sensor(name).footprint.is_none());
     if !unknown.is_empty() {
@@ -37,7 +37,23 @@ pub fn with_calibration(
             unknown.join(", ")
         );
     }
+    if !cameras_off.is_empty() {
+        eprintln!(
+            "warning: {}; the uncertainty of each feature holds the difference: {REMEDY}",
+            other_footprint(cameras_off)
+        );
+    }
     Ok(evaluate(&plan.clone().with_calibration(&shares), points))
+}
+
+/// What mends a footprint that differs from what was taken off.
+pub const REMEDY: &str =
+    "look at focus and dirt, record white and black, or state no footprint_px under [decode]";
+
+/// Says so of the cameras.
+pub fn other_footprint(cameras_off: &FootprintsOff) -> String {
+    let names: Vec<&str> = cameras_off.keys().map(String::as_str).collect();
+    format!("another footprint was taken off the frames of {} than these cameras have", names.join(", "))
 }
 
 /// What is open of the cameras' footprints: effects, and the standard uncertainty of the change that each belongs to, px².
@@ -45,19 +61,19 @@ pub fn with_calibration(
 pub struct OpenFootprints(Vec<(FootprintEffect, f64)>);
 
 impl OpenFootprints {
-    /// Of all cameras of the pairs, on their cloud; `sensors` says what is known of each. What the frames say against it counts as
-    /// one more: all these footprints may be wrong by what is seen of each.
+    /// Of all cameras of the pairs, on their cloud; `sensors` says what is known of each. What differs from what was taken off counts as
+    /// one more: all these footprints may be wrong by what is said of each.
     pub fn new(
         rig: &Rig,
         sensors: &BTreeMap<String, Sensor>,
-        contradicted: &Contradicted,
+        cameras_off: &FootprintsOff,
         points: &[Point],
     ) -> Self {
         let (mut open, mut off) = (Vec::new(), Vec::new());
         for name in seeing(rig, points) {
             let known = sensors.get(name).copied().unwrap_or_default();
             let effect = FootprintEffect::of(rig, name, points);
-            off.extend(contradicted.get(name).map(|off_px2| (effect.clone(), *off_px2)));
+            off.extend(cameras_off.get(name).map(|off_px2| (effect.clone(), *off_px2)));
             open.push((effect, known.footprint_u_px2()));
         }
         if !off.is_empty() {
@@ -123,7 +139,7 @@ pub fn shares(
     plan: &Plan,
     points: &[Point],
     rig_file: &RigFile,
-    contradicted: &Contradicted,
+    cameras_off: &FootprintsOff,
 ) -> Result<Vec<Option<f64>>> {
     let path = rig_file.path.display();
     let Some(covariance) = rig_file.read_covariance()? else {
@@ -147,7 +163,7 @@ pub fn shares(
     let names: Vec<&str> = covariance.devices.iter().map(String::as_str).collect();
     let matrix = covariance.part(&names).unwrap_or_default();
     let here = feature_values(plan, points);
-    let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), contradicted, points);
+    let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), cameras_off, points);
     footprints.warn(&rig_file.path);
     let mut shares = vec![None; here.len()];
     // A mode so large that a feature is lost says nothing of it; a part of the mode does.
@@ -189,7 +205,7 @@ mod tests {
     /// states beside them.
     fn share_of_a_ball(
         variance: f64,
-        (sensors, contradicted): (&BTreeMap<String, Sensor>, &Contradicted),
+        (sensors, cameras_off): (&BTreeMap<String, Sensor>, &FootprintsOff),
         points: &[Point],
     ) -> Result<f64> {
         let folder = tempfile::tempdir().unwrap();
@@ -220,7 +236,7 @@ mod tests {
              kind = \"sphere-diameter\"\nname = \"d\"\nelement = \"s\"\nnominal_mm = 20.0\ntolerance_mm = [-0.1, 0.1]\n",
         )
         .unwrap();
-        Ok(shares(&read_plan(&plan).unwrap().0, points, &rig_file, contradicted)?[0].unwrap())
+        Ok(shares(&read_plan(&plan).unwrap().0, points, &rig_file, cameras_off)?[0].unwrap())
     }
 
     fn ball_point(out: [f64; 3]) -> Point {
@@ -248,7 +264,7 @@ mod tests {
         };
         let points: Vec<Point> = (0..400).map(point).collect();
         let share =
-            |factor: f64| share_of_a_ball(factor * 1e-3, (&BTreeMap::new(), &Contradicted::new()), &points);
+            |factor: f64| share_of_a_ball(factor * 1e-3, (&BTreeMap::new(), &FootprintsOff::new()), &points);
         let [small, large] = [1e6, 1e10].map(|factor| share(factor).unwrap());
         assert!(small > 1e-4 && (0.5..2.0).contains(&(large / small / 100.0)), "{small} mm, {large} mm");
         let refused = share(1e20).unwrap_err().to_string();
@@ -274,13 +290,13 @@ mod tests {
                 points.push(ball_point((place.coords / 10.0).into()));
             }
         }
-        let share = |u_px: f64, contradicted: &Contradicted| {
+        let share = |u_px: f64, cameras_off: &FootprintsOff| {
             let footprint = Footprint { sigma_px: [0.5; 2], u_px: Some([u_px; 2]), field_px2: 0.0 };
             let sensor = Sensor { footprint: Some(footprint), ..Sensor::default() };
             let sensors = demo.rig.cameras.iter().map(|camera| (camera.name.clone(), sensor)).collect();
-            share_of_a_ball(1e-6, (&sensors, contradicted), &points).unwrap()
+            share_of_a_ball(1e-6, (&sensors, cameras_off), &points).unwrap()
         };
-        let none = Contradicted::new();
+        let none = FootprintsOff::new();
         let alone = share(0.0, &none);
         let [small, large] = [0.01, 0.03].map(|u_px| (share(u_px, &none).powi(2) - alone * alone).sqrt());
         assert!(small > 1e-5 && (large / small / 3.0 - 1.0).abs() < 0.01, "{small} mm, {large} mm");
@@ -288,10 +304,10 @@ mod tests {
         // Variances of 0.12 px² and of 2 · 0.5 · 0.01 px².
         assert!((unknown / small / 12.0 - 1.0).abs() < 0.02, "{unknown} mm, {small} mm");
         // What the frames of one camera contradict counts beside it.
-        let off = Contradicted::from([("cam1".to_owned(), -0.3)]);
-        let less = Contradicted::from([("cam1".to_owned(), 0.1)]);
+        let off = FootprintsOff::from([("cam1".to_owned(), -0.3)]);
+        let less = FootprintsOff::from([("cam1".to_owned(), 0.1)]);
         let [off, less] =
-            [off, less].map(|contradicted| (share(0.0, &contradicted).powi(2) - alone * alone).sqrt());
+            [off, less].map(|cameras_off| (share(0.0, &cameras_off).powi(2) - alone * alone).sqrt());
         assert!(less > small && (off / less / 3.0 - 1.0).abs() < 0.01, "{off} mm, {less} mm");
     }
 }

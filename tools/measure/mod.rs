@@ -6,10 +6,10 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, anyhow};
-use calibration_share::with_calibration;
 pub use calibration_share::{OpenFootprints, feature_values, shares as calibration_shares};
+use calibration_share::{REMEDY, with_calibration};
 use files::cloud_pairs;
-use files::contradicted_footprints::{self, Contradicted};
+use files::footprints_off::{self, FootprintsOff};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
@@ -75,11 +75,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&flags, &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
     let mut cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
-    let contradicted = contradicted_footprints::of_cloud(&cloud).with_context(|| {
+    let cameras_off = footprints_off::of_cloud(&cloud).with_context(|| {
         format!(
             "{}: comment {} names no cameras with px²: reconstruct the cloud again",
             args.cloud.display(),
-            contradicted_footprints::COMMENT
+            footprints_off::COMMENT
         )
     })?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
@@ -88,12 +88,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let file = read_rig(rig)?;
         let named = cloud_pairs::number_by_rig(&mut cloud, &file.rig.pairs);
         pairs = Some(named.map_err(|fault| anyhow!("{}: {fault}", args.cloud.display()))?);
-        let result = with_calibration(&plan, &cloud.points, &file, &contradicted)?;
+        let result = with_calibration(&plan, &cloud.points, &file, &cameras_off)?;
         warn_of_other_rig(&args.cloud, cloud.comment("rig_sha256"), &file);
         provenance = provenance.rig(&file.sha256);
         result
     } else {
-        warn(&contradicted, &args.cloud);
+        warn(&cameras_off, &args.cloud);
         evaluate(&plan, &cloud.points)
     };
     let mut all = machine_readable(args, cloud.points.len(), &result)?;
@@ -141,14 +141,12 @@ fn warn_of_other_rig(cloud: &Path, made_with: Option<&str>, rig: &RigFile) {
 }
 
 /// Says what a result without `--rig` does not hold.
-fn warn(contradicted: &Contradicted, path: &Path) {
-    if !contradicted.is_empty() {
-        let names: Vec<&str> = contradicted.keys().map(String::as_str).collect();
+fn warn(cameras_off: &FootprintsOff, path: &Path) {
+    if !cameras_off.is_empty() {
         eprintln!(
-            "warning: {}: its frames show another footprint of {} than its rig file, which the uncertainties do not hold: look at focus \
-             and dirt, or take it in with --rig",
+            "warning: {}: {}, which the uncertainties do not hold: {REMEDY}, or take it in with --rig",
             path.display(),
-            names.join(", ")
+            calibration_share::other_footprint(cameras_off)
         );
     }
 }

@@ -5,7 +5,7 @@ use crate::measure::calibration_shares;
 use crate::progress::Progress;
 use anyhow::Result;
 use cell::executor::{PairMatcher, Views};
-use files::contradicted_footprints::Contradicted;
+use files::footprints_off::FootprintsOff;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
 use fringe::geometry::rig::pictures;
@@ -45,7 +45,7 @@ pub(super) fn features(task: &Task, trials: u32) -> Result<Option<Vec<ExpectedFe
     }
     let (found, first) = trials_of(task, plan, trials)?;
     let shares = if task.rig_file.covariance.is_some() {
-        Some(calibration_shares(plan, &first, &task.rig_file, &Contradicted::new())?)
+        Some(calibration_shares(plan, &first, &task.rig_file, &FootprintsOff::new())?)
     } else {
         None
     };

@@ -80,9 +80,19 @@ pub struct Sensor {
 
 impl Sensor {
     /// Standard uncertainty of the variance of the footprint that the decoder takes off, px². Of a camera without one, where each recording
-    /// with white and black finds its own, it is at most that of a lens in focus; frames that find none have nothing taken off.
+    /// with white and black finds its own, it is at most that of a lens in focus.
     pub fn footprint_u_px2(&self) -> f64 {
         self.footprint.map_or(USUAL_LENS_U_PX2, |footprint| footprint.variance_px2().1)
+    }
+
+    /// What is left of the variance of the footprint where settings state what is taken off, or nothing is, px²; `None` where they state one
+    /// of a camera of which nothing is known, so that nothing speaks against it.
+    pub fn footprint_left_px2(&self, taken_px: f64) -> Option<f64> {
+        let taken_px2 = taken_px * taken_px;
+        match self.footprint {
+            Some(footprint) => Some(footprint.variance_px2().0 - taken_px2),
+            None => (taken_px == 0.0).then_some(USUAL_LENS_PX2),
+        }
     }
 
     /// Whether nothing is known.
@@ -104,6 +114,17 @@ mod tests {
         assert!((u - 2.0 * 0.5 * 0.01).abs() < 1e-12);
         let unknown = Footprint { u_px: None, ..round };
         assert!(unknown.variance_px2().1 > u);
+    }
+
+    #[test]
+    fn what_is_not_taken_off_is_left() {
+        let unknown = Sensor::default();
+        assert_eq!([0.0, 0.5].map(|px| unknown.footprint_left_px2(px)), [Some(0.2), None]);
+        let footprint = Footprint { sigma_px: [0.5; 2], u_px: Some([0.0; 2]), field_px2: 0.0 };
+        let known = Sensor { footprint: Some(footprint), ..Sensor::default() };
+        for (taken_px, left_px2) in [(0.0, 0.25), (0.5, 0.0), (0.6, -0.11)] {
+            assert!((known.footprint_left_px2(taken_px).unwrap() - left_px2).abs() < 1e-12, "{taken_px}");
+        }
     }
 
     #[test]

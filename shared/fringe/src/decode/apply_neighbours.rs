@@ -125,6 +125,7 @@ impl Verdicts {
             bounced: Bounced::default(),
             noise,
             footprint_px: None,
+            footprint_left_px2: None,
             sensor: SensorTest::default(),
             motion: None,
             code_shift: None,

@@ -62,7 +62,9 @@ impl Decoder {
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         report.code_shift = self.code_shift(home, &report, out);
-        (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
+        let removed = self.remove_footprint(home, out)?;
+        (report.footprint_px, report.footprint_left_px2) = (removed.sigma_px, removed.left_px2);
+        report.sensor.footprint = removed.test;
         report.bounced = self.find_bounce(home, report.footprint_px, out);
         report.valid -= report.bounced.masked;
         Ok(report)

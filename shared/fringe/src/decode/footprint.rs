@@ -81,6 +81,16 @@ impl Line {
     }
 }
 
+/// What was removed of the footprint.
+pub(super) struct Removed {
+    /// Its standard deviation, px; `None` where nothing was.
+    pub sigma_px: Option<f64>,
+    /// See [`super::DecodeReport::footprint_left_px2`].
+    pub left_px2: Option<f64>,
+    /// What the frames say of it.
+    pub test: Option<FootprintTest>,
+}
+
 /// A point of the line.
 #[derive(Debug, Clone, Copy)]
 struct Place {
@@ -279,12 +289,12 @@ fn line(places: &[Place]) -> Option<(f64, f64)> {
 }
 
 impl Decoder {
-    /// Removes the bias of the pixel's footprint; its standard deviation, where it is known, and what the frames say of it.
+    /// Removes the bias of the pixel's footprint.
     pub(super) fn remove_footprint(
         &mut self,
         home: usize,
         out: &mut PhaseViewMut,
-    ) -> Result<(Option<f64>, Option<FootprintTest>), DecodeError> {
+    ) -> Result<Removed, DecodeError> {
         let plan = &self.plan.axes[home];
         if let Some(levels) = plan.levels
             && self.rasters.mostly_below(levels.white, levels.black, out.valid)
@@ -303,7 +313,8 @@ impl Decoder {
         let unknown = given_px.is_none() && calibrated.is_none() && reflectance.is_none();
         let corrects = given_px != Some(0.0) && !unknown;
         if plan.sines.is_empty() || !(corrects || self.looks_for_bounce(home)) {
-            return Ok((None, None));
+            let left_px2 = self.left_px2(0.0);
+            return Ok(Removed { sigma_px: None, left_px2, test: None });
         }
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
@@ -316,8 +327,16 @@ impl Decoder {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
             self.footprint.correct(variance_px2, field_px2, out, self.level);
         }
+        let found = calibrated.is_some() || seen.is_some();
+        let stated_px = given_px.or((!found).then_some(0.0));
+        let left_px2 = stated_px.and_then(|px| self.left_px2(px));
         let seen = seen.map(|line| (line.variance_px2, line.u_px2));
         let test = calibrated.zip(seen).map(|(known, seen)| super::sensor_test::footprint(known, seen));
-        Ok((variance_px2.map(f64::sqrt), test))
+        Ok(Removed { sigma_px: variance_px2.map(f64::sqrt), left_px2, test })
+    }
+
+    /// What is left of the variance, px², where this standard deviation, px, is taken off, as far as it moves a phase.
+    fn left_px2(&self, taken_px: f64) -> Option<f64> {
+        self.settings.sensor.footprint_left_px2(taken_px).filter(|left_px2| left_px2.abs() > LEAST_PX2)
     }
 }

@@ -23,6 +23,12 @@ impl DecodeReport {
         self.continuity.jump_fraction().max(pixels)
     }
 
+    /// By how much the variance of the footprint differs from what was taken off, px²: as the frames show it, where they contradict the
+    /// calibration, or what is left of it.
+    pub fn footprint_off_px2(&self) -> Option<f64> {
+        self.sensor.footprint_off_px2().or(self.footprint_left_px2)
+    }
+
     /// What contradicts the calibration, a motion beyond the uncertainty, and an order of frames that nothing proves, in words; `camera` is
     /// named.
     pub fn warnings(&self, camera: &str) -> Vec<String> {
@@ -79,6 +85,8 @@ pub struct DecodeReport {
     pub noise: NoiseModel,
     /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.
     pub footprint_px: Option<f64>,
+    /// What is left of its variance, px², where neither the calibration's was removed nor what white and black show.
+    pub footprint_left_px2: Option<f64>,
     /// What the frames say of the camera's constants, where the calibration found them.
     pub sensor: SensorTest,
     /// How the fringes moved between the frames, where five or more steps tell.

@@ -5,9 +5,10 @@ use super::super::footprint::{Footprint, Line};
 use super::super::rasters::Rasters;
 use super::super::roles::Levels;
 use super::super::survey::Expected;
+use crate::decode::DecodeSettings;
 use crate::math::simd::best_level;
 use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
-use crate::pattern::Axis;
+use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseMap};
 
 const WIDTH: usize = 240;
@@ -184,4 +185,41 @@ fn the_footprint_of_a_place_is_taken_off_there() {
         asked += 1;
     }
     assert!(asked > 1000, "{asked}");
+}
+
+/// Proves: the report says what is left of the variance, wherever neither the calibration's was taken off nor what white and black show.
+#[test]
+fn what_was_not_taken_off_is_told() {
+    let coordinates = (0..WIDTH * HEIGHT).map(|i| {
+        let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+        20.0 + x + 0.0025 * x * x + 0.0015 * y * y
+    });
+    let scene = super::Scene::new(WIDTH, coordinates.collect(), 512).eight_bits();
+    let with_levels = super::demo(16.0, 5);
+    let without = &with_levels[..2];
+    let footprint = crate::sensor::Footprint { sigma_px: [0.5; 2], u_px: Some([0.0; 2]), field_px2: 0.0 };
+    let told = |sequence: &[PatternSet], footprint_px: Option<f64>, known: bool| {
+        let mut settings = DecodeSettings { footprint_px, ..DecodeSettings::default() };
+        settings.sensor.footprint = known.then_some(footprint);
+        let (_, report) = scene.decode_frames(sequence, &scene.frames(sequence), Axis::X, &settings);
+        assert!(report.valid > WIDTH * HEIGHT / 2, "{}", report.valid);
+        (report.footprint_px.is_some(), report.footprint_off_px2())
+    };
+    assert_eq!(told(&with_levels, None, false).1, None, "white and black show it");
+    for sequence in [&with_levels[..], without] {
+        assert_eq!(told(sequence, None, true), (true, None), "the calibration found it");
+        for (stated_px, known, expected) in [
+            (0.0, false, Some(0.2)),
+            (0.5, false, None),
+            (0.0, true, Some(0.25)),
+            (0.5, true, None),
+            (0.6, true, Some(-0.11)),
+        ] {
+            let (taken, left) = told(sequence, Some(stated_px), known);
+            assert_eq!(taken, stated_px > 0.0);
+            let rounded = left.map(|left_px2| (1e6 * left_px2).round() / 1e6);
+            assert_eq!(rounded, expected, "{stated_px} px stated, known: {known}");
+        }
+    }
+    assert_eq!(told(without, None, false), (false, Some(0.2)), "nothing shows it");
 }

@@ -1,0 +1,54 @@
+//! Footprints that differ from what was taken off the frames of a cloud, as a comment of its PLY file: whoever writes the cloud states them, and
+//! `measure --rig` takes the difference into the uncertainty of each feature.
+
+use crate::ply::Cloud;
+use std::collections::BTreeMap;
+
+/// Name of the comment; its value is a JSON object.
+pub const COMMENT: &str = "footprint_off_px2";
+
+/// By camera, by how much the variance of the footprint differs from what was taken off, px²: the frames contradict the rig file, or nothing
+/// was taken off, or what settings state.
+pub type FootprintsOff = BTreeMap<String, f64>;
+
+/// Adds what one view says; of several of a camera the largest difference counts.
+pub fn add(all: &mut FootprintsOff, camera: &str, off_px2: f64) {
+    let largest = all.entry(camera.to_owned()).or_insert(0.0);
+    if off_px2.abs() > largest.abs() {
+        *largest = off_px2;
+    }
+}
+
+/// The value of the comment; `None` where nothing differs.
+pub fn comment(all: &FootprintsOff) -> Option<String> {
+    (!all.is_empty()).then(|| serde_json::json!(all).to_string())
+}
+
+/// What the comment of a cloud says; nothing where there is none.
+///
+/// # Errors
+/// A comment that is no object of numbers.
+pub fn of_cloud(cloud: &Cloud) -> Result<FootprintsOff, serde_json::Error> {
+    cloud.comment(COMMENT).map_or(Ok(FootprintsOff::new()), serde_json::from_str)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_difference_of_each_camera_comes_back_from_the_comment() {
+        let mut off = FootprintsOff::new();
+        assert_eq!(comment(&off), None);
+        for (camera, off_px2) in [("cam2", 0.1), ("cam1", -0.3), ("cam2", -0.4), ("cam1", 0.2)] {
+            add(&mut off, camera, off_px2);
+        }
+        let said = |text: String| Cloud { comments: vec![format!("{COMMENT}: {text}")], ..Cloud::default() };
+        let read = of_cloud(&said(comment(&off).unwrap())).unwrap();
+        assert_eq!(read, FootprintsOff::from([("cam1".to_owned(), -0.3), ("cam2".to_owned(), -0.4)]));
+        assert_eq!(of_cloud(&Cloud::default()).unwrap(), FootprintsOff::new());
+        for wrong in ["{", "[0.1]", "{\"cam1\": \"much\"}", "{\"cam1\": 1e999}"] {
+            assert!(of_cloud(&said(wrong.to_owned())).is_err(), "{wrong}");
+        }
+    }
+}
