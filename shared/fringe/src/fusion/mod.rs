@@ -296,7 +296,9 @@ impl Fuser {
                 self.compared.resize(own.len(), Compared::default());
                 self.near.resize_with(self.near.len().max(parts), Near::default);
                 let parts = self.distances.par_iter_mut().zip(self.compared.par_chunks_mut(CELLS));
-                parts.zip(&mut self.near).enumerate().for_each(|(part, ((distances, compared), near))| {
+                // Some parts take longer than others: none goes to a thread together with another.
+                let parts = parts.zip(&mut self.near).enumerate().with_max_len(1);
+                parts.for_each(|(part, ((distances, compared), near))| {
                     let cells = (part * CELLS, compared);
                     *distances = Distances::of((own, other), cells, near, grid, &nearness, level);
                 });

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::MeasureError;
-use super::fit_element::{REACH_MARGINS, choose, fit, placing, positions, thinned};
+use super::fit_element::{REACH_MARGINS, choose, fit, placing, thinned};
 use super::fitted_element::FittedElement;
 use super::gather::gather;
 use super::geometry::Geometry;
@@ -109,7 +109,7 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Pla
             let element = &plan.elements[indices[slot]];
             let region = Region::new(element, element.margin_mm, 0.0);
             let limits = (element.min_points, FINE_POINTS);
-            let thin = thinned(element, &region, &gathered[slot], Some(&part_from_coarse), limits)?;
+            let thin = thinned(element, &region, (&gathered[slot], Some(&part_from_coarse)), limits)?;
             fit(element, &thin, &placing(element)).map(Place::from)
         })?;
         let correction = correction(&nominal, &found)?;
@@ -194,12 +194,12 @@ fn search(
             .map(|i| &plan.elements[*i])
             .map(|e| Region::new(e, margin_mm.max(e.margin_mm), widen_rad))
             .collect();
-        let samples = gather(&thinned, &pose.inverse(), &regions);
+        let nearby = gather(&thinned, &pose.inverse(), &regions);
         let found = find_datums(datums, &indices, nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let needs = (element.min_points / stride).max(COARSE_LEAST);
-            let chosen = choose(element, &regions[slot], &samples[slot], needs)?;
-            coarse_place(element, &positions(&samples[slot], &chosen))
+            let chosen = choose(element, &regions[slot], (&nearby[slot], None), needs)?;
+            coarse_place(element, &chosen.positions)
         })?;
         pose = pose.after(&correction(nominal, &found)?);
         if margin_mm <= narrowest {

@@ -118,10 +118,10 @@ fn place(plan: &Plan, cloud: &[Point]) -> Result<PlacedPart, MeasureError> {
 fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Outcome> {
     let regions: Vec<Region> =
         plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
-    let samples = gather(cloud, &world_from_part.inverse(), &regions);
+    let nearby = gather(cloud, &world_from_part.inverse(), &regions);
     let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
-    let fitted = plan.elements.par_iter().zip(&samples);
-    fitted.map(|(e, s)| measure(e, s, cloud, correlation).map_err(|error| error.to_string())).collect()
+    let fitted = plan.elements.par_iter().zip(&nearby);
+    fitted.map(|(e, nearby)| measure(e, nearby, correlation).map_err(|error| error.to_string())).collect()
 }
 
 /// What is reported of an element. The residuals live on in its points.

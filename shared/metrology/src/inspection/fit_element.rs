@@ -8,7 +8,7 @@ use super::MeasureError;
 use super::associate::{associated, outlined};
 use super::filter::Across;
 use super::fitted_element::FittedElement;
-use super::gather::Sample;
+use super::gather::Nearby;
 use super::geometry::Geometry;
 use super::nominal_surface::SurfaceFit;
 use super::plan::Element;
@@ -61,33 +61,64 @@ impl Measured {
     }
 }
 
-/// The samples that belong to a region, as places in `samples`.
+/// The points near a region that belong to it, in the order of the cloud.
+#[derive(Debug, Default)]
+pub(super) struct Chosen {
+    /// In the part frame.
+    pub positions: Vec<Point3<f64>>,
+    /// Which of the points near the region they are.
+    places: Vec<u32>,
+    /// Standard uncertainty that the cloud states, and what of it may be in common with others, mm.
+    sigmas_mm: Vec<f32>,
+    shared_mm: Vec<f32>,
+}
+
+impl Chosen {
+    fn with_capacity(count: usize) -> Self {
+        Self {
+            positions: Vec::with_capacity(count),
+            places: Vec::with_capacity(count),
+            sigmas_mm: Vec::with_capacity(count),
+            shared_mm: Vec::with_capacity(count),
+        }
+    }
+
+    fn push(&mut self, place: usize, position: Vector3<f64>, point: &Point) {
+        self.positions.push(Point3::from(position));
+        self.places.push(place as u32);
+        self.sigmas_mm.push(point.sigma_mm);
+        self.shared_mm.push(point.shared_mm);
+    }
+}
+
+/// The points that belong to a region, after a motion.
 ///
 /// # Errors
 /// Fewer than `needs`.
 pub(super) fn choose(
     element: &Element,
     region: &Region,
-    samples: &[Sample],
+    (nearby, motion): (&Nearby, Option<&Pose>),
     needs: usize,
-) -> Result<Vec<u32>, MeasureError> {
-    let mut chosen = Vec::with_capacity(samples.len());
+) -> Result<Chosen, MeasureError> {
+    let mut chosen = Chosen::with_capacity(nearby.len());
     let mut without_normals = 0;
     let mut stretch = Stretch::new();
-    for (first, some) in (0..).step_by(STRETCH).zip(samples.chunks(STRETCH)) {
-        stretch.fill(some.iter().map(|sample| sample.position));
+    for (first, numbers) in (0..).step_by(STRETCH).zip(nearby.numbers().chunks(STRETCH)) {
+        nearby.place(numbers, motion, &mut stretch);
         let held = stretch.held(region);
         without_normals += held.count_ones() as usize;
-        for (place, sample) in (first..).zip(some) {
-            if held >> (place - first) & 1 == 1 && region.holds_normal(&sample.position, &sample.normal) {
-                chosen.push(place);
+        for (k, number) in numbers.iter().enumerate().filter(|(k, _)| held >> k & 1 == 1) {
+            let (position, point) = (stretch.position(k), nearby.point(*number));
+            if region.holds_normal(&position, &nearby.normal(point, motion)) {
+                chosen.push(first + k, position, point);
             }
         }
     }
-    if chosen.len() >= needs {
+    if chosen.positions.len() >= needs {
         return Ok(chosen);
     }
-    let (element, points) = (element.name.clone(), chosen.len());
+    let (element, points) = (element.name.clone(), chosen.positions.len());
     Err(MeasureError::TooFewPoints { element, points, without_normals, needs })
 }
 
@@ -102,11 +133,6 @@ fn refuse_copies(element: &Element, given: &[Point3<f64>]) -> Result<(), Measure
         }
     }
     Err(MeasureError::Repeated { element: element.name.clone(), places: places.len(), needs })
-}
-
-/// Positions of chosen samples.
-pub(super) fn positions(samples: &[Sample], chosen: &[u32]) -> Vec<Point3<f64>> {
-    chosen.iter().map(|place| Point3::from(samples[*place as usize].position)).collect()
 }
 
 /// Fits an element on points given in the part frame.
@@ -143,14 +169,13 @@ pub(super) fn fit(
 /// Too few points, no surface, too far from nominal, no fit.
 pub(super) fn measure(
     element: &Element,
-    samples: &[Sample],
-    cloud: &[Point],
+    nearby: &Nearby,
     correlation: Correlation,
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
     for _ in 0..ROUNDS {
-        let thin = thinned(element, &region, samples, None, (element.min_points, PLACING_POINTS))?;
+        let thin = thinned(element, &region, (nearby, None), (element.min_points, PLACING_POINTS))?;
         let rough = fit(element, &thin, &placing(element))?;
         check(element, &rough)?;
         let moved_mm = shift_mm(&region.geometry, &rough);
@@ -159,36 +184,34 @@ pub(super) fn measure(
             break;
         }
     }
-    let chosen = choose(element, &region, samples, element.min_points)?;
-    let given = positions(samples, &chosen);
-    refuse_copies(element, &given)?;
-    let shared_mm = shared_mm(samples, &chosen, cloud);
+    let mut chosen = choose(element, &region, (nearby, None), element.min_points)?;
+    refuse_copies(element, &chosen.positions)?;
+    let across = across(&nominal, &chosen);
+    let mut shared_mm = std::mem::take(&mut chosen.shared_mm);
+    if shared_mm.iter().all(|shared| *shared == 0.0) {
+        // As a rule.
+        shared_mm.clear();
+    }
     let max_reject_fraction = element.max_reject_fraction;
     let settings = FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm };
-    let fitted = fit(element, &given, &settings)?;
+    let fitted = fit(element, &chosen.positions, &settings)?;
+    let given = std::mem::take(&mut chosen.positions);
+    // Behind an outline lie the points of its border.
+    let surface =
+        matches!(element.geometry, Geometry::Outline { .. } | Geometry::Line { .. }).then(|| given.clone());
     let (found, behind) = associated(element, given, fitted, &settings)?;
     check(element, &found)?;
     if !found.is_finite() {
         let source = FitError::Degenerate { element: element.geometry.kind(), why: NOT_FINITE };
         return Err(MeasureError::Fit { element: element.name.clone(), source });
     }
-    let points = deviations(&nominal, &found, samples, &chosen);
-    let across = across(&nominal, samples, &chosen);
+    let numbers = chosen.places.iter().map(|place| nearby.numbers()[*place as usize]);
+    let points = deviations(&nominal, &found, numbers, surface.as_ref().unwrap_or(&behind));
     Ok(Measured { fit: found, points, across, positions: behind, shared_mm: rms(&shared_mm) })
 }
 
-/// What the error of each chosen point may have in common with others; empty where that is nothing, as a rule.
-fn shared_mm(samples: &[Sample], chosen: &[u32], cloud: &[Point]) -> Vec<f32> {
-    let shared = |place: &u32| cloud[samples[*place as usize].index as usize].shared_mm;
-    if chosen.iter().all(|place| shared(place) == 0.0) {
-        Vec::new()
-    } else {
-        chosen.iter().map(shared).collect()
-    }
-}
-
-/// Their root mean square as far as it counts, what an extreme of the element may be off by. Not the largest: noise raises some
-/// points, and just those at its extremes.
+/// Root mean square of the errors that points may have in common, as far as it counts: what an extreme of the element may be off by. Not the
+/// largest: noise raises some points, and just those at its extremes.
 pub(super) fn rms(shared_mm: &[f32]) -> f64 {
     let squares: f64 = shared_mm.iter().map(|shared| f64::from(*shared).powi(2)).sum();
     fit::beyond_noise(shared_mm) * (squares / shared_mm.len().max(1) as f64).sqrt()
@@ -199,35 +222,35 @@ pub(super) fn placing(element: &Element) -> FitSettings<'static> {
     FitSettings { max_reject_fraction: element.max_reject_fraction, ..FitSettings::default() }
 }
 
-/// Positions of the samples that belong to a region, among every k-th sample, k such that `most` of all samples remain, after a
-/// motion. The choice hangs on the samples' own places, so that a point that joins or leaves changes nothing but itself.
+/// Positions of the points that belong to a region, after a motion, among every k-th point near it, k such that `most` of all these remain.
+/// The choice hangs on the points' own places, so that a point that joins or leaves changes nothing but itself.
 ///
 /// # Errors
-/// Fewer than `needs` of all samples belong to the region.
+/// Fewer than `needs` of all points belong to the region.
 pub(super) fn thinned(
     element: &Element,
     region: &Region,
-    samples: &[Sample],
-    motion: Option<&Pose>,
+    (nearby, motion): (&Nearby, Option<&Pose>),
     (needs, most): (usize, usize),
 ) -> Result<Vec<Point3<f64>>, MeasureError> {
-    let moved = |sample: &Sample| motion.map_or(*sample, |motion| sample.moved(motion));
-    let holds =
-        |s: &Sample| region.holds_position(&s.position) && region.holds_normal(&s.position, &s.normal);
-    let stride = samples.len().div_ceil(most).max(1);
-    let mut thin = Vec::with_capacity(samples.len().div_ceil(stride));
-    let every = samples.iter().step_by(stride).map(moved).filter(holds);
-    thin.extend(every.map(|sample| Point3::from(sample.position)));
+    let held = |place: usize| {
+        let [position, normal] = nearby.placed(place, motion);
+        let holds = region.holds_position(&position) && region.holds_normal(&position, &normal);
+        holds.then_some(Point3::from(position))
+    };
+    let stride = nearby.len().div_ceil(most).max(1);
+    let mut thin = Vec::with_capacity(nearby.len().div_ceil(stride));
+    thin.extend((0..nearby.len()).step_by(stride).filter_map(held));
     // Counted only as far as it must be.
-    let enough = || samples.iter().map(moved).filter(holds).take(needs).count() == needs;
+    let enough = || (0..nearby.len()).filter_map(held).take(needs).count() == needs;
     if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {
         return Ok(thin);
     }
-    // Where most samples are clutter, few of the chosen would be left: then all of them are affordable.
-    let all: Vec<Sample> = samples.iter().map(moved).collect();
-    let chosen = choose(element, region, &all, needs)?;
-    let thin: Vec<u32> = chosen.iter().copied().filter(|p| (*p as usize).is_multiple_of(stride)).collect();
-    Ok(positions(&all, if thin.len() < THINNED_LEAST { &chosen } else { &thin }))
+    // Where most points are clutter, few of the chosen would be left: then all of them are affordable.
+    let Chosen { positions, places, .. } = choose(element, region, (nearby, motion), needs)?;
+    let every = places.iter().zip(&positions).filter(|(place, _)| (**place as usize).is_multiple_of(stride));
+    let thin: Vec<Point3<f64>> = every.map(|(_, position)| *position).collect();
+    Ok(if thin.len() < THINNED_LEAST { positions } else { thin })
 }
 
 /// The region about a fit.
@@ -323,21 +346,21 @@ fn check(element: &Element, fit: &FittedElement) -> Result<(), MeasureError> {
 }
 
 /// Places of the chosen points in a plane; empty for a sphere.
-fn across(nominal: &Region, samples: &[Sample], chosen: &[u32]) -> Vec<Across> {
+fn across(nominal: &Region, chosen: &Chosen) -> Vec<Across> {
     let Geometry::Plane { point_mm, edges, .. } = &nominal.geometry else { return Vec::new() };
-    let across = |sample: &Sample| {
-        let arm = sample.position - point_mm.coords;
-        Across { place_mm: edges.map(|edge| edge.dot(&arm)), sigma_mm: sample.sigma_mm }
+    let across = |(position, sigma_mm): (&Point3<f64>, &f32)| {
+        let arm = position - point_mm;
+        Across { place_mm: edges.map(|edge| edge.dot(&arm)), sigma_mm: *sigma_mm }
     };
-    chosen.iter().map(|place| across(&samples[*place as usize])).collect()
+    chosen.positions.iter().zip(&chosen.sigmas_mm).map(across).collect()
 }
 
-/// Deviations of the chosen points from the fit and from the nominal geometry.
+/// Deviations of points from the fit and from the nominal geometry; with their numbers in the cloud.
 fn deviations(
     nominal: &Region,
     fit: &FittedElement,
-    samples: &[Sample],
-    chosen: &[u32],
+    numbers: impl Iterator<Item = u32>,
+    positions: &[Point3<f64>],
 ) -> Vec<DeviationPoint> {
     let bore = nominal.geometry.is_internal();
     // Of a sphere, plane or freeform surface the residuals; the others' sign and reference are those of the surface they bound.
@@ -358,14 +381,10 @@ fn deviations(
         Geometry::Surface(_) => from_fit(place, position),
         geometry => geometry.distance_mm(position),
     };
-    chosen
-        .iter()
-        .map(|place| &samples[*place as usize])
-        .enumerate()
-        .map(|(place, sample)| DeviationPoint {
-            index: sample.index,
-            from_fit_mm: from_fit(place, &sample.position) as f32,
-            from_nominal_mm: from_nominal(place, &sample.position) as f32,
-        })
-        .collect()
+    let deviation = |(place, (index, position)): (usize, (u32, &Point3<f64>))| DeviationPoint {
+        index,
+        from_fit_mm: from_fit(place, &position.coords) as f32,
+        from_nominal_mm: from_nominal(place, &position.coords) as f32,
+    };
+    numbers.zip(positions).enumerate().map(deviation).collect()
 }

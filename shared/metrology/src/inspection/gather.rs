@@ -12,43 +12,55 @@ use fringe::geometry::pose::Pose;
 /// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
 const PARTS: usize = 8;
 
-/// Points that a thread writes at least.
-const WRITTEN: usize = 8192;
-
-/// A point of the cloud in the part frame.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
-    pub index: u32,
-    /// Standard uncertainty that the cloud states, mm.
-    pub sigma_mm: f32,
-    pub position: Vector3<f64>,
-    pub normal: Vector3<f64>,
+/// Points of a cloud near a region, by their numbers. They are read where they lie, and nothing is written of those that no region takes.
+#[derive(Debug)]
+pub(super) struct Nearby<'a> {
+    cloud: &'a [Point],
+    part_from_world: Pose,
+    numbers: Vec<u32>,
 }
 
-impl Sample {
-    /// A point of the cloud by its number.
-    fn new(index: u32, point: &Point, part_from_world: &Pose) -> Self {
-        Self {
-            index,
-            sigma_mm: point.sigma_mm,
-            position: part_from_world.point(&Vector3::from(point.position_mm)),
-            normal: part_from_world.rotation * point.normal_vector(),
-        }
+impl<'a> Nearby<'a> {
+    /// How many they are.
+    pub fn len(&self) -> usize {
+        self.numbers.len()
     }
 
-    /// The same in another frame.
-    pub fn moved(&self, motion: &Pose) -> Self {
-        Self {
-            index: self.index,
-            sigma_mm: self.sigma_mm,
-            position: motion.point(&self.position),
-            normal: motion.rotation * self.normal,
+    /// Numbers in the cloud, in its order.
+    pub fn numbers(&self) -> &[u32] {
+        &self.numbers
+    }
+
+    /// A point by its number in the cloud.
+    pub fn point(&self, number: u32) -> &'a Point {
+        &self.cloud[number as usize]
+    }
+
+    /// Position and normal of one of them in the part frame, after a motion.
+    pub fn placed(&self, place: usize, motion: Option<&Pose>) -> [Vector3<f64>; 2] {
+        let point = self.point(self.numbers[place]);
+        let position = self.part_from_world.point(&Vector3::from(point.position_mm));
+        [motion.map_or(position, |motion| motion.point(&position)), self.normal(point, motion)]
+    }
+
+    /// The normal of a point in the part frame, after a motion.
+    pub fn normal(&self, point: &Point, motion: Option<&Pose>) -> Vector3<f64> {
+        let normal = self.part_from_world.rotation * point.normal_vector();
+        motion.map_or(normal, |motion| motion.rotation * normal)
+    }
+
+    /// Places some of them in the part frame, after a motion.
+    pub fn place(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
+        stretch.fill(numbers.iter().map(|number| Vector3::from(self.point(*number).position_mm)));
+        stretch.transform(&self.part_from_world);
+        if let Some(motion) = motion {
+            stretch.transform(motion);
         }
     }
 }
 
 /// One pass over a cloud: the points near each region, in the part frame, in the order of the cloud.
-pub(super) fn gather(cloud: &[Point], part_from_world: &Pose, regions: &[Region]) -> Vec<Vec<Sample>> {
+pub(super) fn gather<'a>(cloud: &'a [Point], part_from_world: &Pose, regions: &[Region]) -> Vec<Nearby<'a>> {
     let bounds: Vec<Option<Bounds>> = regions.iter().map(Region::bounds).collect();
     // The parts are cut by the length of the cloud alone, so their order is that of the cloud on any number of threads.
     let length = cloud.len().div_ceil(PARTS).max(1);
@@ -56,12 +68,11 @@ pub(super) fn gather(cloud: &[Point], part_from_world: &Pose, regions: &[Region]
         numbers(number * length, points, part_from_world, (regions, &bounds))
     };
     let parts: Vec<Vec<Vec<u32>>> = cloud.par_chunks(length).enumerate().map(part).collect();
-    let sample = |index: &u32| Sample::new(*index, &cloud[*index as usize], part_from_world);
-    let samples = |region: usize| {
-        let numbers: Vec<u32> = parts.iter().flat_map(|part| &part[region]).copied().collect();
-        numbers.par_iter().with_min_len(WRITTEN).map(sample).collect()
+    let nearby = |region: usize| {
+        let numbers = parts.iter().map(|part| &part[region][..]).collect::<Vec<_>>().concat();
+        Nearby { cloud, part_from_world: *part_from_world, numbers }
     };
-    (0..regions.len()).into_par_iter().map(samples).collect()
+    (0..regions.len()).into_par_iter().map(nearby).collect()
 }
 
 /// Numbers in the cloud of the points that each region holds, of a part of it from `first` on; the regions with their boxes.

@@ -48,7 +48,7 @@ impl Stretch {
     }
 
     /// Moves the positions into another frame.
-    fn transform(&mut self, motion: &Pose) {
+    pub fn transform(&mut self, motion: &Pose) {
         dispatch!(self.level, simd => self.transform_with(simd, motion));
     }
 
