@@ -85,7 +85,7 @@ impl Line {
 pub(super) struct Removed {
     /// Its standard deviation, px; `None` where nothing was.
     pub sigma_px: Option<f64>,
-    /// See [`super::DecodeReport::footprint_left_px2`].
+    /// What is left, as in [`super::DecodeReport::footprint_left_px2`].
     pub left_px2: Option<f64>,
     /// What the frames say of it.
     pub test: Option<FootprintTest>,
@@ -327,7 +327,8 @@ impl Decoder {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
             self.footprint.correct(variance_px2, field_px2, out, self.level);
         }
-        let found = calibrated.is_some() || seen.is_some();
+        // White and black that show no line: slopes are all alike, and little is left.
+        let found = calibrated.is_some() || reflectance.is_some();
         let stated_px = given_px.or((!found).then_some(0.0));
         let left_px2 = stated_px.and_then(|px| self.left_px2(px));
         let seen = seen.map(|line| (line.variance_px2, line.u_px2));

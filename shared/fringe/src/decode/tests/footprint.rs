@@ -203,7 +203,10 @@ fn what_was_not_taken_off_is_told() {
         settings.sensor.footprint = known.then_some(footprint);
         let (_, report) = scene.decode_frames(sequence, &scene.frames(sequence), Axis::X, &settings);
         assert!(report.valid > WIDTH * HEIGHT / 2, "{}", report.valid);
-        (report.footprint_px.is_some(), report.footprint_off_px2())
+        assert!(
+            report.footprint_left_px2.is_none() || report.footprint_off_px2() == report.footprint_left_px2
+        );
+        (report.footprint_px.is_some(), report.footprint_left_px2)
     };
     assert_eq!(told(&with_levels, None, false).1, None, "white and black show it");
     for sequence in [&with_levels[..], without] {
@@ -222,4 +225,9 @@ fn what_was_not_taken_off_is_told() {
         }
     }
     assert_eq!(told(without, None, false), (false, Some(0.2)), "nothing shows it");
+    // Of a flat part white and black show no footprint, and none is missed.
+    let flat = super::Scene::ramp(WIDTH, HEIGHT, 1.0, 0.0, 512).eight_bits();
+    let (_, report) =
+        flat.decode_frames(&with_levels, &flat.frames(&with_levels), Axis::X, &DecodeSettings::default());
+    assert_eq!((report.footprint_px, report.footprint_off_px2()), (None, None));
 }
