@@ -120,8 +120,7 @@ pub(super) fn associated(
     settings: &FitSettings,
 ) -> Result<(FittedElement, Vec<Point3<f64>>), MeasureError> {
     let failed = |source| MeasureError::Fit { element: element.name.clone(), source };
-    let outline = matches!(element.geometry, Geometry::Outline { .. } | Geometry::Line { .. });
-    let (behind, plane) = if outline {
+    let (behind, plane) = if element.geometry.is_outlined() {
         let (_, behind, plane) = outlined(element, &points, settings).map_err(failed)?;
         (behind, plane)
     } else {

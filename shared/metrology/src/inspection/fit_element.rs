@@ -62,7 +62,7 @@ impl Measured {
 }
 
 /// The points near a region that belong to it, in the order of the cloud.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Chosen {
     /// In the part frame.
     pub positions: Vec<Point3<f64>>,
@@ -197,8 +197,7 @@ pub(super) fn measure(
     let fitted = fit(element, &chosen.positions, &settings)?;
     let given = std::mem::take(&mut chosen.positions);
     // Behind an outline lie the points of its border.
-    let surface =
-        matches!(element.geometry, Geometry::Outline { .. } | Geometry::Line { .. }).then(|| given.clone());
+    let surface = element.geometry.is_outlined().then(|| given.clone());
     let (found, behind) = associated(element, given, fitted, &settings)?;
     check(element, &found)?;
     if !found.is_finite() {

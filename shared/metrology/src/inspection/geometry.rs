@@ -224,6 +224,11 @@ impl Geometry {
         matches!(self, Self::Cylinder { internal: true, .. } | Self::Cone { internal: true, .. })
     }
 
+    /// Whether it is fitted to the border or a section of its points, and not to these points themselves.
+    pub fn is_outlined(&self) -> bool {
+        matches!(self, Self::Outline { .. } | Self::Line { .. })
+    }
+
     /// The place that a plan gives first: centre or point, mm.
     pub fn place(&self) -> Point3<f64> {
         match self {
