@@ -5,13 +5,14 @@
 use super::accuracy::{Bench, ratio};
 use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
-use super::scan::{decoded, joined};
+use super::scan::{PairMaps, decoded, joined};
 use crate::Outcome;
 use crate::measure::{OpenFootprints, feature_values};
 use crate::numbers::within;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::{Result, bail};
+use characterise::calibration::{Followed, Mode};
 use files::footprints_off::FootprintsOff;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
@@ -24,12 +25,18 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use twin::{Twin, TwinSettings};
 
+/// Most calibrations; further placements count their cycles from multiples of it, so that each calibration keeps its first one.
+const CALIBRATIONS: u64 = 10_000;
+
 #[derive(clap::Args)]
 pub struct Args {
-    /// Calibrations with a placement each.
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=10_000))]
+    /// Calibrations.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=CALIBRATIONS))]
     trials: u64,
-    /// Seed of the first trial; each further trial takes the next one.
+    /// Placements of the part that are measured with each calibration.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    placements: u64,
+    /// Seed of the first calibration; each further one takes the next seed.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Footprint of the cameras that the decoder takes, standard deviation; 0 leaves it to each recording.
@@ -93,53 +100,42 @@ struct Report {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let (bench, cell) = (Bench::demo()?, Cell::new(args.board.clone(), 1)?);
-    let decode = DecodeSettings {
-        max_contradiction: 1e6,
-        footprint_px: (args.footprint_px > 0.0).then_some(args.footprint_px),
-        ..DecodeSettings::default()
-    };
-    decode.check()?;
-    if args.u_footprint_px > 0.0 && args.footprint_px < 3.0 * args.u_footprint_px {
-        bail!(
-            "--u-footprint-px {}: must be at most a third of --footprint-px, {}, since footprints are drawn about it",
-            args.u_footprint_px,
-            args.footprint_px
-        );
-    }
+    let decode = args.decode()?;
     let truth = bench.scene.truth();
     let mut trials: Vec<Vec<Trial>> = vec![Vec::new(); bench.plan.features.len()];
     let mut points = Vec::new();
-    let mut progress = Progress::new(args.trials as usize, "measuring");
+    let mut progress = Progress::new((args.trials * args.placements) as usize, "measuring");
     for trial in 0..args.trials {
         let seed = args.seed + trial;
         let calibrated = Calibrated::new(&cell, seed)?;
-        let settings = TwinSettings { seed, ..TwinSettings::default() };
+        let modes = calibrated.modes()?;
         let sensors = args.sensors(&cell.rig, seed);
-        let maps = |settings: TwinSettings, sensors: &BTreeMap<String, Sensor>| {
-            let twin = Twin::new(&bench.scene, settings, &cell.rig)?;
-            let by_camera = |camera: &str| match sensors.get(camera) {
-                Some(sensor) => DecodeSettings { footprint_px: None, sensor: *sensor, ..decode.clone() },
-                None => decode.clone(),
+        for placement in 0..args.placements {
+            let view = View {
+                bench: &bench,
+                rig: &cell.rig,
+                decode: &decode,
+                seed,
+                cycle: trial + CALIBRATIONS * placement,
             };
-            decoded(&twin, &cell.rig, &bench.sequence, trial, &by_camera)
-        };
-        let seen = maps(settings.clone(), &sensors)?;
-        // With the footprints that the cameras have, where others were taken.
-        let right = if sensors.is_empty() { None } else { Some(maps(settings.clone(), &BTreeMap::new())?) };
-        let scanned = joined(&seen, &calibrated.rig)?;
-        if trial < args.point_trials {
-            let quiet = TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..settings };
-            points.extend(ratio(&scanned, &joined(&maps(quiet, &sensors)?, &calibrated.rig)?));
+            let seen = view.maps(false, &sensors)?;
+            // With the footprints that the cameras have, where others were taken.
+            let right = if sensors.is_empty() { None } else { Some(view.maps(false, &BTreeMap::new())?) };
+            let scanned = joined(&seen, &calibrated.rig)?;
+            if trial < args.point_trials && placement == 0 {
+                points.extend(ratio(&scanned, &joined(&view.maps(true, &sensors)?, &calibrated.rig)?));
+            }
+            let shares = shares(&bench, (&calibrated.rig, &modes), &sensors, &scanned.points);
+            let result = evaluate(&bench.plan, &scanned.points);
+            let by_points =
+                evaluate(&bench.plan, &joined(right.as_ref().unwrap_or(&seen), &cell.rig)?.points);
+            let features = result.features.iter().zip(&by_points.features);
+            for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(shares) {
+                let known = truth.get(&found.name).map(|truth| truth.value);
+                list.extend(Trial::of(found, true_rig.value, share, known));
+            }
+            progress.step();
         }
-        let shares = shares(&bench, &calibrated, &sensors, &scanned.points)?;
-        let result = evaluate(&bench.plan, &scanned.points);
-        let by_points = evaluate(&bench.plan, &joined(right.as_ref().unwrap_or(&seen), &cell.rig)?.points);
-        let features = result.features.iter().zip(&by_points.features);
-        for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(shares) {
-            let known = truth.get(&found.name).map(|truth| truth.value);
-            list.extend(Trial::of(found, true_rig.value, share, known));
-        }
-        progress.step();
     }
     drop(progress);
     let rows = bench.plan.features.iter().zip(trials).filter(|(_, trials)| trials.len() > 1);
@@ -150,6 +146,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 impl Args {
+    /// How the decoder is set.
+    fn decode(&self) -> Result<DecodeSettings> {
+        let decode = DecodeSettings {
+            max_contradiction: 1e6,
+            footprint_px: (self.footprint_px > 0.0).then_some(self.footprint_px),
+            ..DecodeSettings::default()
+        };
+        decode.check()?;
+        if self.u_footprint_px > 0.0 && self.footprint_px < 3.0 * self.u_footprint_px {
+            bail!(
+                "--u-footprint-px {}: must be at most a third of --footprint-px, {}, since footprints are drawn about it",
+                self.u_footprint_px,
+                self.footprint_px
+            );
+        }
+        Ok(decode)
+    }
+
     /// Footprints that a calibration might have found instead of the true ones; none where they are certain.
     fn sensors(&self, rig: &Rig, seed: u64) -> BTreeMap<String, Sensor> {
         if self.u_footprint_px == 0.0 {
@@ -165,20 +179,48 @@ impl Args {
     }
 }
 
-/// The calibration's share in each feature, that of footprints included.
+/// What the cameras see of the part in one placement.
+struct View<'a> {
+    bench: &'a Bench,
+    /// As it truly is.
+    rig: &'a Rig,
+    decode: &'a DecodeSettings,
+    seed: u64,
+    cycle: u64,
+}
+
+impl View<'_> {
+    /// The phases of all pairs, with or without noise; `sensors` are what the decoder takes the cameras for.
+    fn maps(&self, quiet: bool, sensors: &BTreeMap<String, Sensor>) -> Result<Vec<PairMaps>> {
+        let noisy = TwinSettings { seed: self.seed, ..TwinSettings::default() };
+        let settings = if quiet {
+            TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..noisy }
+        } else {
+            noisy
+        };
+        let twin = Twin::new(&self.bench.scene, settings, self.rig)?;
+        let by_camera = |camera: &str| match sensors.get(camera) {
+            Some(sensor) => DecodeSettings { footprint_px: None, sensor: *sensor, ..self.decode.clone() },
+            None => self.decode.clone(),
+        };
+        decoded(&twin, self.rig, &self.bench.sequence, self.cycle, &by_camera)
+    }
+}
+
+/// The share of a calibrated rig in each feature, that of footprints included.
 fn shares(
     bench: &Bench,
-    calibrated: &Calibrated,
+    (rig, modes): (&Rig, &[Mode]),
     sensors: &BTreeMap<String, Sensor>,
     points: &[Point],
-) -> Result<Vec<Option<f64>>> {
+) -> Vec<Option<f64>> {
     let footprints = if sensors.is_empty() {
         OpenFootprints::default()
     } else {
-        OpenFootprints::new(&calibrated.rig, sensors, &FootprintsOff::new(), points)
+        OpenFootprints::new(rig, sensors, &FootprintsOff::new(), points)
     };
     let here = feature_values(&bench.plan, points);
-    Ok(footprints.shares((&calibrated.modes()?, 1.0), &bench.plan, points, &here))
+    footprints.shares((modes, 1.0), &bench.plan, &Followed::new(rig, points), &here)
 }
 
 impl Trial {

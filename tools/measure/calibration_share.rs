@@ -1,7 +1,7 @@
 //! What the calibration of the rig adds to the uncertainty of each feature.
 
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{Mode, PARAMETERS, modes};
+use characterise::calibration::{Followed, Mode, PARAMETERS, modes};
 use characterise::sensor::FootprintEffect;
 use files::footprints_off::FootprintsOff;
 use files::rig_file::RigFile;
@@ -96,17 +96,18 @@ impl OpenFootprints {
     }
 
     /// What the modes of a calibration and these footprints, each by such a part, change of the features of a plan, over that part: the root of
-    /// the sum of squares. `here` are the features of the points as they are. `None` where one is not found, there or on moved points.
+    /// the sum of squares. `followed` is the cloud, `here` are its features. `None` where one is not found, there or on moved points.
     pub fn shares(
         &self,
         (modes, part): (&[Mode], f64),
         plan: &Plan,
-        points: &[Point],
+        followed: &Followed<'_>,
         here: &[Option<f64>],
     ) -> Vec<Option<f64>> {
-        let by_mode = modes.par_iter().map(|mode| feature_values(plan, &mode.moved(points)));
+        let by_mode = modes.par_iter().map(|mode| feature_values(plan, &mode.moved(followed)));
+        let footprints = self.0.par_iter();
         let by_footprint =
-            self.0.par_iter().map(|(effect, u)| feature_values(plan, &effect.moved(points, part * u)));
+            footprints.map(|(effect, u)| feature_values(plan, &effect.moved(followed.points(), part * u)));
         let moved: Vec<Vec<Option<f64>>> = by_mode.chain(by_footprint).collect();
         let share = |(index, here): (usize, &Option<f64>)| {
             let here = (*here)?;
@@ -165,6 +166,7 @@ pub fn shares(
     let here = feature_values(plan, points);
     let footprints = OpenFootprints::new(&rig_file.rig, &rig_file.sensors(), cameras_off, points);
     footprints.warn(&rig_file.path);
+    let followed = Followed::new(&rig_file.rig, points);
     let mut shares = vec![None; here.len()];
     // A mode so large that a feature is lost says nothing of it; a part of the mode does.
     for part in PARTS {
@@ -177,7 +179,7 @@ pub fn shares(
         let modes = modes(&rig_file.rig, &covariance.devices, count, &smaller).with_context(|| {
             format!("{path}: a pair has a view that {} does not hold", covariance.path.display())
         })?;
-        let found = footprints.shares((&modes, part), plan, points, &here);
+        let found = footprints.shares((&modes, part), plan, &followed, &here);
         for index in open {
             shares[index] = found[index];
         }

@@ -61,7 +61,7 @@ pub use lengths::MeasuredLength;
 pub use lens_choice::{LensChoice, TriedLens, choose_lens};
 pub use maps::{MapGrid, UncertaintyMap};
 pub(crate) use model::{Ideal, moved, rotation, rotation_vector};
-pub use modes::{Mode, modes};
+pub use modes::{Followed, Mode, modes};
 pub use observations::{Device, DeviceKind, Face, ImagePoint, Link, Observations, View};
 pub use predict::PointUncertainty;
 pub use reading::{ProjectorReading, projector_pixel};

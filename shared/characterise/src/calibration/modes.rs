@@ -9,21 +9,51 @@ use super::model::moved;
 use fringe::cloud::Point;
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::Rig;
-use fringe::geometry::triangulate::triangulate;
+use fringe::geometry::triangulate::point_by_pixels;
 use fringe::math::linear::{Dense, pivoted_root};
-use nalgebra::Point3;
+use nalgebra::{Matrix3x4, Point2, Vector4};
+use rayon::prelude::*;
 
 /// What is left of a variance after the modes before it, as a part of it, below which it is rounding.
 const ROUNDING: f64 = 1e-10;
 
-/// Both views of a pair, in the state of the rig file and in that of a mode.
-struct MovedPair {
-    file: [Camera; 2],
-    moved: [Camera; 2],
+/// A mode of the calibration's covariance: what it makes of both views of each pair, in the order of the rig's pairs.
+pub struct Mode(Vec<[Camera; 2]>);
+
+/// Points and how they follow what both cameras of their pair see, by the rig file: the same for all modes.
+pub struct Followed<'a> {
+    points: &'a [Point],
+    /// Absent where the rig has no such pair, or a camera does not see the point.
+    views: Vec<Option<Views>>,
 }
 
-/// A mode of the calibration's covariance: what it makes of each pair, in the order of the rig's pairs.
-pub struct Mode(Vec<MovedPair>);
+/// What both cameras see of a point.
+struct Views {
+    pixels: [Point2<f64>; 2],
+    /// How the point follows them.
+    mm_per_px: Matrix3x4<f64>,
+}
+
+impl<'a> Followed<'a> {
+    /// Points of a cloud of this rig.
+    pub fn new(rig: &Rig, points: &'a [Point]) -> Self {
+        let camera = |name: &str| rig.camera(name).or_else(|| rig.projector(name));
+        let pairs: Vec<_> =
+            rig.pairs.iter().map(|pair| Some([camera(&pair.left)?, camera(&pair.right)?])).collect();
+        let view = |point: &Point| {
+            let cameras: [&Camera; 2] = (*pairs.get(point.pair as usize)?)?;
+            let here = point.position();
+            let [left, right] = cameras.map(|camera| camera.project(&here));
+            Some(Views { pixels: [left?, right?], mm_per_px: point_by_pixels(cameras, &here)? })
+        };
+        Self { points, views: points.par_iter().map(view).collect() }
+    }
+
+    /// The points as they are.
+    pub fn points(&self) -> &'a [Point] {
+        self.points
+    }
+}
 
 /// The modes of a covariance of these devices, which lie as `devices` names them with the first `count` of [`PARAMETERS`] each, row by
 /// row; `None` where a pair has a view that is not among them, or the matrix has another size.
@@ -45,31 +75,27 @@ pub fn modes(rig: &Rig, devices: &[String], count: usize, matrix: &[f64]) -> Opt
             whole[..count].copy_from_slice(&step[place * count..][..count]);
             moved(camera, &whole)
         };
-        let pair = |views: &[(&Camera, usize); 2]| MovedPair {
-            file: views.map(|(camera, _)| camera.clone()),
-            moved: views.map(state),
-        };
-        Mode(pairs.iter().map(pair).collect())
+        Mode(pairs.iter().map(|views| views.map(state)).collect())
     };
     let whole = Dense::from_fn(size, size, |i, j| matrix[i * size + j]);
     Some(pivoted_root(&whole, ROUNDING).0.into_iter().map(mode).collect())
 }
 
 impl Mode {
-    /// The points as this mode moves them; a point without a pair of the rig, or that no longer meets, stays.
-    pub fn moved(&self, points: &[Point]) -> Vec<Point> {
-        let at = |point: &Point| {
-            let pair = self.0.get(point.pair as usize)?;
-            let [left, right] = &pair.file;
+    /// The points as this mode moves them; a point without a pair of the rig, or that a camera no longer sees, stays. One step of the
+    /// triangulation from where the points are: a mode is small beside the distance of the cameras.
+    pub fn moved(&self, followed: &Followed<'_>) -> Vec<Point> {
+        let at = |point: &Point, views: &Views| {
             let here = point.position();
-            let (a, b) = (left.project(&here)?, right.project(&here)?);
-            Some(triangulate((&pair.moved[0], a), (&pair.moved[1], b))?.position_mm)
+            let [left, right] = self.0.get(point.pair as usize)?;
+            let off = [views.pixels[0] - left.project(&here)?, views.pixels[1] - right.project(&here)?];
+            Some(here + views.mm_per_px * Vector4::new(off[0].x, off[0].y, off[1].x, off[1].y))
         };
-        let one = |point: &Point| {
-            let position: Point3<f64> = at(point).unwrap_or_else(|| point.position());
-            Point { position_mm: position.into(), ..*point }
+        let one = |(point, views): (&Point, &Option<Views>)| {
+            let moved = views.as_ref().and_then(|views| at(point, views));
+            Point { position_mm: moved.unwrap_or_else(|| point.position()).into(), ..*point }
         };
-        points.iter().map(one).collect()
+        followed.points.iter().zip(&followed.views).map(one).collect()
     }
 }
 
@@ -78,6 +104,7 @@ mod tests {
     use super::*;
     use fringe::geometry::camera::{Lens, pose};
     use fringe::geometry::rig::{Named, Pair};
+    use fringe::geometry::triangulate::triangulate;
     use fringe::math::random::{Key, normal_quantile};
 
     /// All parameters, whether a lens has them or not.
@@ -104,6 +131,18 @@ mod tests {
             cameras: vec![camera("a", -80.0, 0.15), camera("b", 80.0, -0.15)],
             pairs: vec![pair],
             ..Rig::default()
+        }
+    }
+
+    fn at(position_mm: [f64; 3], pair: u32) -> Point {
+        Point {
+            position_mm,
+            normal: [0.0; 3],
+            sigma_mm: 0.0,
+            modulation: 0.0,
+            pair,
+            pixel: 0,
+            shared_mm: 0.0,
         }
     }
 
@@ -140,19 +179,11 @@ mod tests {
         let matrix: Vec<f64> = (0..size * size)
             .map(|k| correlation(k / size, k % size) * sigmas[k / size] * sigmas[k % size])
             .collect();
-        let at = |x: f64, y: f64, z: f64| Point {
-            position_mm: [x, y, z],
-            normal: [0.0; 3],
-            sigma_mm: 0.0,
-            modulation: 0.0,
-            pair: 0,
-            pixel: 0,
-            shared_mm: 0.0,
-        };
-        let points = [at(-50.0, -20.0, 5.0), at(40.0, 30.0, -10.0)];
+        let points = [at([-50.0, -20.0, 5.0], 0), at([40.0, 30.0, -10.0], 0)];
         let modes = modes(&rig, &names, COUNT, &matrix).unwrap();
         assert_eq!(modes.len(), 9, "the parameters that are not certain");
-        let by_mode = |mode: &Mode| length(&mode.moved(&points)) - length(&points);
+        let followed = Followed::new(&rig, &points);
+        let by_mode = |mode: &Mode| length(&mode.moved(&followed)) - length(&points);
         let predicted = modes.iter().map(|mode| by_mode(mode).powi(2)).sum::<f64>().sqrt();
 
         let whole = Dense::from_fn(size, size, |i, j| matrix[i * size + j]);
@@ -176,6 +207,25 @@ mod tests {
         }
         let scatter = (squares / trials as f64).sqrt();
         assert!((predicted / scatter - 1.0).abs() < 0.07, "predicted {predicted}, scatter {scatter}");
+    }
+
+    /// A point that no pair of the rig saw, or that lies behind a camera, stays where it is.
+    #[test]
+    fn what_no_pair_sees_stays() {
+        let (rig, names) = (rig(), ["a".to_owned(), "b".to_owned()]);
+        let size = 2 * COUNT;
+        let matrix: Vec<f64> =
+            (0..size * size).map(|k| if k / size == k % size { 1e-4 } else { 0.0 }).collect();
+        let modes = modes(&rig, &names, COUNT, &matrix).unwrap();
+        let points = [at([1.0, 2.0, 0.0], 0), at([1.0, 2.0, 0.0], 1), at([1.0, 2.0, -1e4], 0)];
+        let followed = Followed::new(&rig, &points);
+        let moved: Vec<Vec<Point>> = modes.iter().map(|mode| mode.moved(&followed)).collect();
+        assert!(moved.iter().all(|moved| moved[1..] == points[1..]));
+        let moving = moved.iter().filter(|moved| moved[0] != points[0]).count();
+        assert!(
+            moving >= 8,
+            "focal lengths and principal points of both cameras move what they see: {moving}"
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! step suffices for pixel noise (as in Lindstrom 2010), the second only proves it.
 
 use crate::geometry::camera::{Camera, Ray};
-use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 /// Rays closer to parallel than this (sine of the angle) do not make a point.
 const MIN_SINE: f64 = 1e-6;
@@ -72,6 +72,18 @@ fn gauss_newton(at: &Point3<f64>, sights: &[(&Camera, Point2<f64>); 2]) -> Optio
     Some(at + normal.cholesky()?.solve(&right))
 }
 
+/// How a triangulated point follows its pixels: (JᵀJ)⁻¹ Jᵀ of both cameras, 3 × 4, mm per px along x and y of the first and of the second;
+/// `None` behind a camera, or where both rays are one.
+pub fn point_by_pixels(cameras: [&Camera; 2], at: &Point3<f64>) -> Option<Matrix3x4<f64>> {
+    let [first, second] = cameras.map(|camera| project_with_jacobian(camera, at));
+    let (first, second) = (first?.1.transpose(), second?.1.transpose());
+    let normal = (first * first.transpose() + second * second.transpose()).cholesky()?;
+    let mut both = Matrix3x4::zeros();
+    both.fixed_view_mut::<3, 2>(0, 0).copy_from(&first);
+    both.fixed_view_mut::<3, 2>(0, 2).copy_from(&second);
+    Some(normal.solve(&both))
+}
+
 /// The pixel of a world point and its derivative by the point, px per mm; `None` behind the camera.
 pub fn project_with_jacobian(
     camera: &Camera,
@@ -106,6 +118,20 @@ mod tests {
                 let found = triangulate((a, a.project(&truth).unwrap()), (b, b.project(&truth).unwrap())).unwrap();
                 prop_assert!((found.position_mm - truth).norm() < 1e-8, "{:?} beside {}", found, truth);
             }
+        }
+
+        /// Pixels that move take the point along by the derivative, up to the square of their motion.
+        #[test]
+        fn pixels_that_move_take_the_point_along(
+            x in -60.0_f64..60.0, y in -40.0_f64..40.0, z in -40.0_f64..40.0, by in prop::array::uniform4(-0.1_f64..0.1),
+        ) {
+            let [left, right, _] = rig(1124, 750);
+            let truth = Point3::new(x, y, z);
+            let pixels = [&left, &right].map(|camera| camera.project(&truth).unwrap());
+            let (a, b) = (pixels[0] + Vector2::new(by[0], by[1]), pixels[1] + Vector2::new(by[2], by[3]));
+            let found = triangulate((&left, a), (&right, b)).unwrap().position_mm;
+            let along = point_by_pixels([&left, &right], &truth).unwrap() * nalgebra::Vector4::from(by);
+            prop_assert!((found - truth - along).norm() < 1e-3 * along.norm() + 1e-9, "{found:?}, {along:?}");
         }
 
         /// The correction lowers the reprojection error, and no point nearby has a lower one.
