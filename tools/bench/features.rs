@@ -30,7 +30,7 @@ const CALIBRATIONS: u64 = 10_000;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Calibrations.
+    /// Number of calibrations, each from corner errors of its own.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=CALIBRATIONS))]
     trials: u64,
     /// Placements of the part that are measured with each calibration.
