@@ -94,9 +94,7 @@ fn a_rig_around_a_part_is_calibrated_at_once_from_poses_of_two_sides() {
     let rig = files::rig_file::read_rig(poses.path("rig.toml").as_ref()).unwrap();
     let truth = twin::thesis::rig_of_sides(4, SIZE_PX.0, SIZE_PX.1);
     assert_eq!((rig.rig.cameras.len(), rig.rig.projectors.len(), rig.rig.pairs.len()), (8, 4, 4));
-    let centre = |rig: &fringe::geometry::rig::Rig, name: &str| {
-        rig.camera(name).or_else(|| rig.projector(name)).unwrap().centre_mm()
-    };
+    let centre = |rig: &fringe::geometry::rig::Rig, name: &str| rig.device(name).unwrap().centre_mm();
     let names: Vec<String> =
         (1..=8).map(|i| format!("cam{i}")).chain((1..=4).map(|i| format!("proj{i}"))).collect();
     for (a, b) in names.iter().flat_map(|a| names.iter().map(move |b| (a, b))) {

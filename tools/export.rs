@@ -159,7 +159,7 @@ fn pairs(args: &Args, rig: &Rig) -> Result<Vec<Pair>> {
 /// Both views of a pair.
 fn views<'a>(rig: &'a Rig, pair: &Pair) -> Result<(&'a Camera, &'a Camera)> {
     let left = rig.camera(&pair.left).context("its left camera is not in the rig file")?;
-    let right = rig.camera(&pair.right).or_else(|| rig.projector(&pair.right));
+    let right = rig.device(&pair.right);
     Ok((left, right.context("its right view is not in the rig file")?))
 }
 

@@ -49,7 +49,7 @@ impl Calibrated {
 
     /// A camera or projector by its name.
     pub fn device(&self, name: &str) -> Result<&Camera> {
-        self.rig.camera(name).or_else(|| self.rig.projector(name)).context("a known device")
+        self.rig.device(name).context("a known device")
     }
 
     /// Covariance of two devices.

@@ -131,9 +131,7 @@ struct Judge<'a> {
 
 /// A camera or projector of a rig.
 fn camera<'r>(rig: &'r Rig, name: &str) -> Result<&'r Camera> {
-    rig.camera(name)
-        .or_else(|| rig.projector(name))
-        .with_context(|| format!("\"{name}\" is not in the rig file"))
+    rig.device(name).with_context(|| format!("\"{name}\" is not in the rig file"))
 }
 
 /// The partners by name, each once.

@@ -8,7 +8,7 @@ use super::covariance::PARAMETERS;
 use super::model::moved;
 use fringe::cloud::Point;
 use fringe::geometry::camera::Camera;
-use fringe::geometry::rig::Rig;
+use fringe::geometry::rig::{Pair, Rig};
 use fringe::geometry::triangulate::point_by_pixels;
 use fringe::math::linear::{Dense, pivoted_root};
 use nalgebra::{Matrix3x4, Point2, Vector4};
@@ -37,14 +37,12 @@ struct Views {
 impl<'a> Followed<'a> {
     /// Points of a cloud of this rig.
     pub fn new(rig: &Rig, points: &'a [Point]) -> Self {
-        let camera = |name: &str| rig.camera(name).or_else(|| rig.projector(name));
-        let pairs: Vec<_> =
-            rig.pairs.iter().map(|pair| Some([camera(&pair.left)?, camera(&pair.right)?])).collect();
+        let views = |pair: &Pair| Some([rig.device(&pair.left)?, rig.device(&pair.right)?]);
+        let pairs: Vec<Option<[&Camera; 2]>> = rig.pairs.iter().map(views).collect();
         let view = |point: &Point| {
-            let cameras: [&Camera; 2] = (*pairs.get(point.pair as usize)?)?;
-            let here = point.position();
-            let [left, right] = cameras.map(|camera| camera.project(&here));
-            Some(Views { pixels: [left?, right?], mm_per_px: point_by_pixels(cameras, &here)? })
+            let cameras = (*pairs.get(point.pair as usize)?)?;
+            let (pixels, mm_per_px) = point_by_pixels(cameras, &point.position())?;
+            Some(Views { pixels, mm_per_px })
         };
         Self { points, views: points.par_iter().map(view).collect() }
     }
@@ -62,10 +60,9 @@ pub fn modes(rig: &Rig, devices: &[String], count: usize, matrix: &[f64]) -> Opt
     if matrix.len() != size * size || count > PARAMETERS.len() {
         return None;
     }
-    let camera = |name: &str| rig.camera(name).or_else(|| rig.projector(name));
     let place = |name: &str| devices.iter().position(|device| device == name);
     let pairs = rig.pairs.iter().map(|pair| {
-        let view = |name: &str| Some((camera(name)?, place(name)?));
+        let view = |name: &str| Some((rig.device(name)?, place(name)?));
         Some([view(&pair.left)?, view(&pair.right)?])
     });
     let pairs: Vec<_> = pairs.collect::<Option<_>>()?;
@@ -103,7 +100,7 @@ impl Mode {
 mod tests {
     use super::*;
     use fringe::geometry::camera::{Lens, pose};
-    use fringe::geometry::rig::{Named, Pair};
+    use fringe::geometry::rig::Named;
     use fringe::geometry::triangulate::triangulate;
     use fringe::math::random::{Key, normal_quantile};
 

@@ -109,13 +109,12 @@ struct Sight<'a> {
 impl<'a> Sight<'a> {
     /// `None` where the camera is not of this pair, or a view is unknown.
     fn new(rig: &'a Rig, pair: &Pair, camera: &str) -> Option<Self> {
-        let view = |name: &str| rig.camera(name).or_else(|| rig.projector(name));
         let sign = match camera {
             name if name == pair.left => 1.0,
             name if name == pair.right => -1.0,
             _ => return None,
         };
-        let (left, right) = (view(&pair.left)?, view(&pair.right)?);
+        let (left, right) = (rig.device(&pair.left)?, rig.device(&pair.right)?);
         Some(Self {
             own: rig.camera(camera)?,
             left_mm: left.centre_mm(),

@@ -72,6 +72,11 @@ impl Rig {
     pub fn projector(&self, name: &str) -> Option<&Camera> {
         self.projectors.iter().find(|p| p.name == name).map(|p| &p.camera)
     }
+
+    /// A camera by name, or the projector of that name where no camera has it: the views of a pair are either.
+    pub fn device(&self, name: &str) -> Option<&Camera> {
+        self.camera(name).or_else(|| self.projector(name))
+    }
 }
 
 #[cfg(test)]

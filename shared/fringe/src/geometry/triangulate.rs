@@ -72,16 +72,21 @@ fn gauss_newton(at: &Point3<f64>, sights: &[(&Camera, Point2<f64>); 2]) -> Optio
     Some(at + normal.cholesky()?.solve(&right))
 }
 
-/// How a triangulated point follows its pixels: (JᵀJ)⁻¹ Jᵀ of both cameras, 3 × 4, mm per px along x and y of the first and of the second;
-/// `None` behind a camera, or where both rays are one.
-pub fn point_by_pixels(cameras: [&Camera; 2], at: &Point3<f64>) -> Option<Matrix3x4<f64>> {
+/// The pixels of a point in two cameras, and how the triangulated point follows them: (JᵀJ)⁻¹ Jᵀ of both cameras, 3 × 4, mm per px along
+/// x and y of the first and of the second; `None` behind a camera, or where both rays are one.
+pub fn point_by_pixels(
+    cameras: [&Camera; 2],
+    at: &Point3<f64>,
+) -> Option<([Point2<f64>; 2], Matrix3x4<f64>)> {
     let [first, second] = cameras.map(|camera| project_with_jacobian(camera, at));
-    let (first, second) = (first?.1.transpose(), second?.1.transpose());
+    let (first, second) = (first?, second?);
+    let pixels = [first.0, second.0];
+    let (first, second) = (first.1.transpose(), second.1.transpose());
     let normal = (first * first.transpose() + second * second.transpose()).cholesky()?;
     let mut both = Matrix3x4::zeros();
     both.fixed_view_mut::<3, 2>(0, 0).copy_from(&first);
     both.fixed_view_mut::<3, 2>(0, 2).copy_from(&second);
-    Some(normal.solve(&both))
+    Some((pixels, normal.solve(&both)))
 }
 
 /// The pixel of a world point and its derivative by the point, px per mm; `None` behind the camera.
@@ -130,7 +135,9 @@ mod tests {
             let pixels = [&left, &right].map(|camera| camera.project(&truth).unwrap());
             let (a, b) = (pixels[0] + Vector2::new(by[0], by[1]), pixels[1] + Vector2::new(by[2], by[3]));
             let found = triangulate((&left, a), (&right, b)).unwrap().position_mm;
-            let along = point_by_pixels([&left, &right], &truth).unwrap() * nalgebra::Vector4::from(by);
+            let (seen, mm_per_px) = point_by_pixels([&left, &right], &truth).unwrap();
+            let along = mm_per_px * nalgebra::Vector4::from(by);
+            prop_assert_eq!(seen, pixels);
             prop_assert!((found - truth - along).norm() < 1e-3 * along.norm() + 1e-9, "{found:?}, {along:?}");
         }
 

@@ -23,7 +23,10 @@ const SETTLED: f64 = 0.9;
 
 /// Largest last step, and largest one that would follow it, as parts of the uncertainty of a mean of all points: the points are not
 /// looked at again.
-const RESOLVED: [f64; 2] = [1e-6, 1e-9];
+const RESOLVED: [f64; 2] = [1e-3, 1e-9];
+
+/// The step that follows the first one is taken to be this part of it: nothing shows yet how fast steps shrink.
+const SECOND_STEP: f64 = 1e-3;
 
 /// In the terminal phase too is a step below this part of the residuals: it lowers the sum of squares by less than 1e-14 of itself. Surfaces
 /// never get here, their residuals are small against their extent; a model that fits badly does.
@@ -134,8 +137,9 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
         let terminal = moved_mm <= terminal_mm && damping == 0.0;
         let u_mean_mm = residual_mm / (state.normal.rows.max(1) as f64).sqrt();
         // The next step is taken to be to this one as this one is to the last.
+        let shrinks = if last_mm.is_finite() { moved_mm / last_mm } else { SECOND_STEP };
         let small = RESOLVED.map(|part| part * u_mean_mm);
-        if terminal && moved_mm <= small[0] && moved_mm * moved_mm <= small[1] * last_mm {
+        if terminal && moved_mm <= small[0] && moved_mm * shrinks <= small[1] {
             return Ok(Adjusted { normal: state.normal, model });
         }
         let next = Adjusted { normal: normal(&model, points), model };

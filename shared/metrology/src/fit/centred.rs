@@ -9,7 +9,10 @@ use fringe::math::linear::eigen_fixed;
 /// Points summed one after another before the binary tree takes over.
 const LEAF: usize = 256;
 
-/// Branches of more points than this are summed side by side.
+/// Values that are summed side by side, of which the processor then takes several at a time. It fixes the order of the sums.
+const SIDE_BY_SIDE: usize = 8;
+
+/// Branches of more points than this are summed by several threads.
 pub(super) const BRANCH: usize = 8192;
 
 /// A thickness beyond this part of the extent is told from a plane's by the scatter alone, whose rounding is 1e-8 of the extent.
@@ -116,6 +119,21 @@ pub(super) fn tree<T: Sync, S: Send>(
         return join(left, right);
     }
     join(tree(left, leaf, join), tree(right, leaf, join))
+}
+
+/// The sum of a function of values.
+pub(super) fn sum(values: &[f64], of: impl Fn(f64) -> f64 + Sync) -> f64 {
+    let leaf = |leaf: &[f64]| {
+        let (groups, rest) = leaf.as_chunks::<SIDE_BY_SIDE>();
+        let mut sums = [0.0; SIDE_BY_SIDE];
+        for group in groups {
+            for (sum, value) in sums.iter_mut().zip(group) {
+                *sum += of(*value);
+            }
+        }
+        sums.iter().sum::<f64>() + rest.iter().map(|r| of(*r)).sum::<f64>()
+    };
+    tree(values, &leaf, &|a: f64, b: f64| a + b)
 }
 
 /// Principal axes of points about the origin.

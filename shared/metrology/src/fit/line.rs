@@ -50,7 +50,7 @@ pub fn line(points: &[Point3<f64>], settings: &FitSettings) -> Result<LineFit, F
     let ([first, second], [e1, e2]) = (tilts(&axis.tangents), axis.tangents);
     let effects = [first, second, Effect::shift(e1), Effect::shift(e2)];
     let sign = if axis.direction[axis.direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
-    let farthest = solution.residuals.of_used().into_iter().fold(0.0, f64::max);
+    let farthest = solution.residuals.of_used().iter().copied().fold(0.0, f64::max);
     Ok(LineFit {
         axis_point_mm: (solution.centroid + axis.point).into(),
         axis_direction: (axis.direction * sign).into(),

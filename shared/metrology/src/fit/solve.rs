@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 
 use super::adjust::{Adjusted, Model, Until, adjust};
-use super::centred::{BRANCH, Centred, mean};
+use super::centred::{BRANCH, Centred, mean, sum};
 use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
 use super::{Correlation, FitError, FitSettings, Support};
@@ -175,7 +175,7 @@ fn without_largest<M: Model<P>, const P: usize>(
         return used;
     }
     // The largest are beyond twice the root mean square, as a rule: then only these are put in order.
-    let squares: f64 = sizes.iter().map(|s| s * s).sum();
+    let squares = sum(sizes, |s| s * s);
     let far = 2.0 * (squares / sizes.len().max(1) as f64).sqrt();
     let numbered = || sizes.iter().copied().zip(0_u32..);
     let mut order: Vec<(f64, u32)> = numbered().filter(|(size, _)| *size > far).collect();

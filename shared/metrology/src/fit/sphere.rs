@@ -1,10 +1,11 @@
 //! The sphere, of free or given diameter.
 
+use fringe::math::random::Key;
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
 use super::adjust::{Model, Until, adjust, normal};
-use super::centred::{Centred, Principal, check_spatial, extent_mm};
+use super::centred::{Centred, Principal, check_spatial, extent_mm, mean};
 use super::chart::{ChartCovariance, Effect, charted};
 use super::form::{Form, Residuals};
 use super::solve::{Solution, solve};
@@ -21,6 +22,9 @@ const LARGEST_U_RATIO: f64 = 1.0 / 3.0;
 
 /// Points thinner than this part of their extent pass for a plane's (a cap of 12° half angle).
 const FLAT_SHARE: f64 = 0.05;
+
+/// So many points suffice for a start: they give it to some hundredths of their noise.
+const START_POINTS: usize = 16_384;
 
 const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they points of a plane? a wider cap or a given diameter helps";
 
@@ -224,8 +228,33 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     Ok(adjust(ELEMENT, algebraic(points)?, points, Until::Settled)?.model)
 }
 
-/// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.
+/// Algebraic start: of many points by some of them, where these determine a sphere.
 fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
+    if points.len() > START_POINTS {
+        let mut some = scattered(points);
+        let middle = mean(&some, |p| *p);
+        some.iter_mut().for_each(|point| *point -= middle);
+        if let Ok(FreeSphere { center, radius }) = algebraic_of_all(&some) {
+            return Ok(FreeSphere { center: center + middle, radius });
+        }
+    }
+    algebraic_of_all(points)
+}
+
+/// [`START_POINTS`] of many points, one of each stretch of them, and not at the same place of each: cameras give points row by row, and
+/// those of one column may lie in a plane.
+fn scattered(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let key = Key::new(0);
+    let begin = |stretch: usize| (stretch as u64 * points.len() as u64 / START_POINTS as u64) as usize;
+    let place = |stretch: usize| {
+        let (first, end) = (begin(stretch), begin(stretch + 1));
+        first + (key.open(stretch as u64) * (end - first) as f64) as usize
+    };
+    (0..START_POINTS).map(|stretch| points[place(stretch)]).collect()
+}
+
+/// |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.
+fn algebraic_of_all(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     let start = Algebraic(Vector4::zeros());
     let normal = normal(&start, points);
     let scatter = normal.symmetric().fixed_view::<3, 3>(0, 0) / 4.0;
@@ -260,6 +289,43 @@ impl Model<4> for Algebraic {
 mod tests {
     use super::*;
     use crate::fit::adjust::tests::derivatives_agree;
+    use crate::fit::tests::Noise;
+
+    /// Points of a cap of a sphere of 10 mm, `along` from the pole (1) to the half angle (0), with noise along the radius, in mm.
+    fn cap(
+        count: usize,
+        half_angle: f64,
+        noise_mm: f64,
+        along: impl Fn(usize, f64) -> f64,
+    ) -> Vec<Point3<f64>> {
+        let mut noise = Noise(7);
+        let least = fringe::math::cos(half_angle);
+        (0..count)
+            .map(|i| {
+                let up = least + (1.0 - least) * along(i, noise.uniform());
+                let (sin, cos) = fringe::math::sincos(std::f64::consts::TAU * noise.uniform());
+                let (radius, out) = (10.0 + noise_mm * noise.normal(), (1.0 - up * up).sqrt());
+                Point3::new(radius * out * cos, radius * out * sin, radius * up)
+            })
+            .collect()
+    }
+
+    /// Proves: many points give the sphere that they show, within four of its uncertainties: also where every fourth one lies on one circle,
+    /// as those of a column may, and on a flat cap whose noise is half of its height.
+    #[test]
+    fn many_points_do_not_need_a_start_that_some_of_them_give() {
+        let count = 4 * START_POINTS;
+        let clouds = [
+            cap(count, 1.0, 0.01, |_, up| up),
+            cap(count, 1.0, 0.01, |i, up| if i % 4 == 0 { 0.5 } else { up }),
+            cap(count, 0.1, 0.02, |_, up| up),
+        ];
+        for (number, points) in clouds.iter().enumerate() {
+            let fit = sphere(points, &FitSettings::default()).unwrap();
+            let error = (fit.diameter_mm - 20.0).abs();
+            assert!(error < 4.0 * fit.u_diameter_mm, "{number}: {error} of {}", fit.u_diameter_mm);
+        }
+    }
 
     #[test]
     fn derivatives_agree_with_differences() {

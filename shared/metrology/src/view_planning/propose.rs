@@ -124,7 +124,7 @@ pub fn turned_pairs(rig: &Rig, middle: &Point3<f64>, up: &Unit<Vector3<f64>>) ->
 
 /// From the middle of the part to the middle of the views of a pair.
 fn direction(rig: &Rig, pair: &Pair, middle: &Point3<f64>) -> Option<Unit<Vector3<f64>>> {
-    let views = [&pair.left, &pair.right].map(|name| rig.camera(name).or_else(|| rig.projector(name)));
+    let views = [&pair.left, &pair.right].map(|name| rig.device(name));
     let sum: Vector3<f64> = views.iter().flatten().map(|view| (view.centre_mm() - middle).normalize()).sum();
     Unit::try_new(sum, 1e-9)
 }
