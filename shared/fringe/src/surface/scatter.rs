@@ -49,22 +49,30 @@ impl SurfaceBuilder {
             let parts = ratios.par_chunks_mut(LANES).zip(asked.par_chunks(LANES));
             parts.for_each(|(ratios, pixels)| vectorised!(*level, windows.ratios(pixels, lag, ratios)));
             ratios.retain(|ratio| !ratio.is_nan());
-            let at = (QUANTILE * ratios.len() as f64) as usize;
-            (ratios.len() >= LEAST)
-                .then(|| *ratios.select_nth_unstable_by(at, f64::total_cmp).1 / NORMAL_QUANTILE)
+            let (at, count) = ((QUANTILE * ratios.len() as f64) as usize, ratios.len());
+            (count >= LEAST)
+                .then(|| (*ratios.select_nth_unstable_by(at, f64::total_cmp).1 / NORMAL_QUANTILE, count))
         };
-        let Some((near, far)) = scatter(lag).zip(scatter(lag + FARTHER_PX)) else { return 1.0 };
-        if far > SHAPE * near {
+        let Some((near, _)) = scatter(lag) else { return 1.0 };
+        // The other distance only lowers what is found here.
+        if near * surely(asked.len()) <= 1.0 {
             return 1.0;
         }
+        let Some((far, count)) = scatter(lag + FARTHER_PX).filter(|(far, _)| *far <= SHAPE * near) else {
+            return 1.0;
+        };
         // What the kernel leaves of a smooth shape grows with the fourth power of the distance, noise does not.
         let growth = (lag + FARTHER_PX) as f64 / lag as f64;
         let power8 = growth.powi(8);
         let shape = (far * far - near * near).max(0.0) / (power8 - 1.0);
         let ratio = (near * near - shape).max(0.0).sqrt();
-        let surely = 1.0 - CHANCE * ONE_WINDOW / (self.ratios.len() as f64).sqrt();
-        (ratio * surely).max(1.0)
+        (ratio * surely(count)).max(1.0)
     }
+}
+
+/// The part of an excess that so many windows surely show.
+fn surely(windows: usize) -> f64 {
+    1.0 - CHANCE * ONE_WINDOW / (windows as f64).sqrt()
 }
 
 /// Pixels that are passed over together.

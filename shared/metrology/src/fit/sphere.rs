@@ -233,7 +233,9 @@ fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     if points.len() > START_POINTS {
         let mut some = scattered(points);
         let middle = mean(&some, |p| *p);
-        some.iter_mut().for_each(|point| *point -= middle);
+        for point in &mut some {
+            *point -= middle;
+        }
         if let Ok(FreeSphere { center, radius }) = algebraic_of_all(&some) {
             return Ok(FreeSphere { center: center + middle, radius });
         }
