@@ -28,6 +28,8 @@ pub(super) struct Bin<const P: usize> {
 /// asked for: pairs grow with the square of their distance, and noise seldom reaches over more than some cells.
 pub(super) struct Correlogram<'a, const P: usize> {
     cells: &'a [Cell<P>],
+    /// Where they lie, in one piece: most pairs are only asked how far apart they are.
+    positions: Vec<Vector3<f64>>,
     /// Residuals of a point: curves have two, surfaces one.
     rows: usize,
     /// The lowest first coordinate of a cell and of those behind it, mm.
@@ -55,6 +57,7 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         }
         Self {
             cells,
+            positions,
             rows: 1 + usize::from(curves),
             lowest_later,
             width_mm: width_mm.max(0.0),
@@ -78,19 +81,20 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         self.bins.resize_with(count, empty);
         // A little farther, for rounding may put a pair at the border into the bin before it.
         let far = (self.width_mm * count as f64).powi(2) * (1.0 + 1e-9);
-        for (index, first) in self.cells.iter().enumerate() {
+        for (index, first) in self.positions.iter().enumerate() {
             let reached = self.lowest_later[index + 1..].partition_point(|x| {
-                let along = x - first.position.x;
+                let along = x - first.x;
                 along <= 0.0 || along * along < far
             });
-            for second in &self.cells[index + 1..index + 1 + reached] {
-                let square = (first.position - second.position).norm_squared();
+            let later = index + 1..index + 1 + reached;
+            for (other, second) in later.clone().zip(&self.positions[later]) {
+                let square = (first - second).norm_squared();
                 if square >= far {
                     continue;
                 }
                 let number = (square.sqrt() / self.width_mm) as usize;
                 if let Some(bin) = self.bins[before..].get_mut(number.wrapping_sub(before)) {
-                    add_pair(bin, first, second, self.rows);
+                    add_pair(bin, &self.cells[index], &self.cells[other], self.rows);
                 }
             }
         }

@@ -274,6 +274,6 @@ fn noise_range_mm(mut variances: Vec<f64>) -> f64 {
         1.0 - groups.iter().map(below).product::<f64>()
     };
     let steps = SIGMAS * STEPS_PER_SIGMA as usize;
-    let inner: f64 = (1..steps).map(|i| exceeded(i as f64 * step_mm)).sum();
-    2.0 * step_mm * (0.5 * exceeded(0.0) + inner)
+    let inner: Vec<f64> = (1..steps).into_par_iter().map(|i| exceeded(i as f64 * step_mm)).collect();
+    2.0 * step_mm * (0.5 * exceeded(0.0) + inner.iter().sum::<f64>())
 }
