@@ -16,6 +16,7 @@ pub mod reference;
 pub mod register;
 pub mod spatial;
 pub mod spc;
+mod spread;
 pub mod surface_net;
 pub mod uncertainty;
 pub mod verdict;

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::adjust::{Adjusted, Model, singular};
 use super::cells::Cubes;
 use super::correlation::estimate;
-use super::solve::deviations;
+use super::cut::left_of_normal_matrix;
 use super::{Correlation, FitError, FitSettings, shared};
 use crate::uncertainty::student::coverage_factor;
 
@@ -36,23 +36,21 @@ pub struct Support {
 
 /// Covariance of the chart's parameters and what it rests on.
 ///
-/// Trimming at the largest |residual| kept, c, weakens the normal matrix by the points that a small motion pushes
-/// across c: A = JᵀJ · (1 − c · h(c)/(d n)), h the density of |r| (counted over the last tenth below c) and d the number of
-/// residuals of a point: a motion along one of d directions changes |r| by the cosine to it, whose mean square is 1/d. Without
-/// this the uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
+/// A is JᵀJ less what a cut takes of it, see [`super::cut`]; `rejected` is the share of the points that the fit left out.
 ///
 /// # Errors
-/// Singular normal equations.
+/// Singular normal equations; a margin that cuts into the noise.
 pub(super) fn covariance<M: Model<P>, const P: usize>(
     element: &'static str,
     adjusted: &Adjusted<M, P>,
     points: &[Vector3<f64>],
     settings: &FitSettings,
-    trimmed: bool,
+    rejected: f64,
 ) -> Result<(SMatrix<f64, P, P>, Support), FitError> {
     let inverse = adjusted.normal.inverse().ok_or_else(|| singular(element))?;
     let rows_a_point = adjusted.normal.rows as f64 / points.len().max(1) as f64;
-    let shrink = if trimmed { trimming_shrink(&adjusted.model, points, rows_a_point) } else { 1.0 };
+    let cut = (rejected, settings.within_mm);
+    let shrink = left_of_normal_matrix(&adjusted.model, points, rows_a_point, cut)?;
     let shared = shared::covariance(&adjusted.model, points, settings.shared_mm, &inverse);
     let (noise, support) = of_noise(adjusted, points, settings.correlation, &inverse, shrink);
     Ok((noise + shared / (shrink * shrink), support))
@@ -101,19 +99,6 @@ fn of_noise<M: Model<P>, const P: usize>(
 fn of_few(freedom: f64) -> f64 {
     let factor = coverage_factor(TWO_U, freedom.max(1.0)) / 2.0;
     factor * factor
-}
-
-/// 1 − c · h(c)/(d n), see [`covariance`].
-fn trimming_shrink<M: Model<P>, const P: usize>(
-    model: &M,
-    points: &[Vector3<f64>],
-    rows_a_point: f64,
-) -> f64 {
-    let deviations = deviations(model, points);
-    let limit = deviations.iter().fold(0.0, |limit: f64, d| limit.max(d.abs()));
-    let near = deviations.iter().filter(|d| d.abs() > 0.9 * limit).count();
-    // Below one half the count would mean that most points are at the limit, which no noise distribution gives.
-    (1.0 - near as f64 / 0.1 / (rows_a_point * points.len().max(1) as f64)).max(0.5)
 }
 
 /// Σ over cells of the outer products of the cells' scores, and the number of cells.

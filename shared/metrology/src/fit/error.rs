@@ -49,6 +49,17 @@ pub enum FitError {
         /// Iterations before the search ended.
         iterations: usize,
     },
+    /// The choice of points by a margin takes part of their noise away.
+    #[error(
+        "the margin of {margin_mm} mm cuts into the noise of the points: those within it scatter by {scatter_mm:.2e} mm, without it they would by more; \
+         choose twice the margin or more"
+    )]
+    Margin {
+        /// Largest distance from the element, mm.
+        margin_mm: f64,
+        /// Root mean square distance of the points within, mm.
+        scatter_mm: f64,
+    },
     /// A setting out of range.
     #[error("{key} = {value}: must be in {limits}")]
     Setting {

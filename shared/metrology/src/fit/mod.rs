@@ -21,6 +21,7 @@ mod cone;
 mod contour;
 mod correlation;
 mod correlogram;
+mod cut;
 mod cylinder;
 mod derived;
 mod elimination;

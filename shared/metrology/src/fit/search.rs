@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{FitError, FitSettings, plane, sphere, sphere_of_diameter};
+use crate::spread::Spread;
 use fringe::math::random::Key;
 
 /// Samples drawn. With a third of the points on a sphere, one sample in 81 is clean: some fifty are.
@@ -88,8 +89,8 @@ fn find(
     if points.len() < 5 {
         return Err(FitError::TooFewPoints { element, points: points.len(), needs: 5 });
     }
-    let stride = points.len().div_ceil(VOTERS);
-    let voters: Vec<Vector3<f64>> = points.iter().step_by(stride).map(|p| p.coords).collect();
+    let spread = Spread::of(points.len(), VOTERS);
+    let voters: Vec<Vector3<f64>> = spread.among(points.len()).map(|i| points[i].coords).collect();
     let key = Key::new(0);
     let mut best: Option<(usize, Rough)> = None;
     for sample in 0..SAMPLES {
@@ -184,6 +185,19 @@ mod tests {
         assert!(held[5000..].iter().all(|h| *h) && held[..ball].iter().all(|h| !*h));
         let fit = plane(&kept(&held), &FitSettings::default()).unwrap();
         assert!((fit.offset_mm + 19.0).abs() < 0.01, "{}", fit.offset_mm);
+    }
+
+    /// Every 20th point of such a grid stands in one column: planes through it hold as well as the right one.
+    #[test]
+    fn the_rows_of_a_grid_do_not_mislead_the_search() {
+        let place = |i: i32| [0.02 * f64::from(i % 20), 0.02 * f64::from(i / 20)];
+        let plate = (0..30_000).map(place).map(|[x, y]| Point3::new(x, y, 0.0));
+        assert!(find_plane(&plate.collect::<Vec<_>>(), 0.1).unwrap().iter().all(|held| *held));
+        let ball = (0..30_000).map(place).map(|[x, y]| {
+            let (across, along) = (fringe::math::sincos(2.0 * x), fringe::math::sincos(0.1 * y - 1.5));
+            Point3::new(10.0 * across.0 * along.1, 10.0 * along.0, 10.0 * across.1 * along.1)
+        });
+        assert!(find_sphere(&ball.collect::<Vec<_>>(), None, 0.1).unwrap().iter().all(|held| *held));
     }
 
     #[test]

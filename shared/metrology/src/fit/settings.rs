@@ -21,6 +21,9 @@ pub struct FitSettings<'a> {
     /// Fraction of the points that is left out, 0 … 0.5: ⌊fraction · n⌋ points, those of largest |residual|, chosen
     /// anew after each refit until the choice is stable. VDI/VDE 2634 part 3 allows 0.03.
     pub max_reject_fraction: f64,
+    /// The points are those within this distance from the element itself, mm, as [`super::find_plane`] and [`super::find_sphere`] choose them;
+    /// `None` where they were chosen by something else. What it cuts off their noise enters the uncertainty.
+    pub within_mm: Option<f64>,
     /// How noise is correlated.
     pub correlation: Correlation,
     /// Standard deviation of the error of each point that others may have in common, mm ([`fringe::cloud::Point::shared_mm`]); empty

@@ -93,7 +93,8 @@ fn finish<M: Model<P>, const P: usize>(
         Cow::Borrowed(settings.shared_mm)
     };
     let settings = FitSettings { shared_mm: &shared_mm, ..*settings };
-    let (covariance, support) = covariance(element, &adjusted, chosen, &settings, trimmed)?;
+    let rejected = 1.0 - chosen.len() as f64 / centred.points.len() as f64;
+    let (covariance, support) = covariance(element, &adjusted, chosen, &settings, rejected)?;
     let residuals = Residuals { deviation_mm: deviations(&adjusted.model, &centred.points), used };
     Ok(Solution {
         form: residuals.form(),

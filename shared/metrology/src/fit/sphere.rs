@@ -1,6 +1,6 @@
 //! The sphere, of free or given diameter.
 
-use fringe::math::random::Key;
+use crate::spread::Spread;
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
@@ -231,7 +231,8 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
 /// Algebraic start: of many points by some of them, where these determine a sphere.
 fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     if points.len() > START_POINTS {
-        let mut some = scattered(points);
+        let spread = Spread::of(points.len(), START_POINTS);
+        let mut some: Vec<Vector3<f64>> = spread.among(points.len()).map(|i| points[i]).collect();
         let middle = mean(&some, |p| *p);
         for point in &mut some {
             *point -= middle;
@@ -241,18 +242,6 @@ fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
         }
     }
     algebraic_of_all(points)
-}
-
-/// [`START_POINTS`] of many points, one of each stretch of them, and not at the same place of each: cameras give points row by row, and
-/// those of one column may lie in a plane.
-fn scattered(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    let key = Key::new(0);
-    let begin = |stretch: usize| (stretch as u64 * points.len() as u64 / START_POINTS as u64) as usize;
-    let place = |stretch: usize| {
-        let (first, end) = (begin(stretch), begin(stretch + 1));
-        first + (key.open(stretch as u64) * (end - first) as f64) as usize
-    };
-    (0..START_POINTS).map(|stretch| points[place(stretch)]).collect()
 }
 
 /// |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.

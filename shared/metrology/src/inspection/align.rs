@@ -4,6 +4,7 @@
 //! each round: points of other surfaces and outliers drop out as the region closes, without any random choice. The fine
 //! rounds use the plan's own margins and free diameters, until the pose stands still.
 
+use crate::spread::Spread;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -179,10 +180,10 @@ fn search(
     placed: Pose,
     cloud: &[Point],
 ) -> Result<Pose, MeasureError> {
-    let stride = cloud.len().div_ceil(COARSE_POINTS).max(1);
+    let spread = Spread::of(cloud.len(), COARSE_POINTS);
     // Each round looks at them: side by side they are read once from a cloud that no cache holds.
-    let thinned: Vec<Point> =
-        (0..cloud.len().div_ceil(stride)).into_par_iter().map(|number| cloud[number * stride]).collect();
+    let chosen: Vec<usize> = spread.among(cloud.len()).collect();
+    let thinned: Vec<Point> = chosen.into_par_iter().map(|index| cloud[index]).collect();
     let indices = element_indices(datums);
     let narrowest = indices.iter().map(|i| plan.elements[*i].margin_mm).fold(f64::INFINITY, f64::min);
     let mut pose = placed;
@@ -197,7 +198,7 @@ fn search(
         let nearby = gather(&thinned, &pose.inverse(), &regions);
         let found = find_datums(datums, &indices, nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
-            let needs = (element.min_points / stride).max(COARSE_LEAST);
+            let needs = (element.min_points / spread.stretch()).max(COARSE_LEAST);
             let chosen = choose(element, &regions[slot], (&nearby[slot], None), needs)?;
             coarse_place(element, &chosen.positions)
         })?;

@@ -5,6 +5,7 @@
 //! agree on, by place and normal, is fitted to them by least squares until the choice stands still; its points leave the
 //! cloud, and the search goes on with the rest.
 
+use crate::spread::Spread;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::geometry::Geometry;
@@ -122,11 +123,11 @@ fn best(
     settings: &DraftSettings,
     round: u64,
 ) -> Option<Rough> {
-    let stride = rest.len().div_ceil(VOTERS).max(1);
+    let spread = Spread::of(rest.len(), VOTERS);
     let voters: Vec<(Vector3<f64>, Vector3<f64>)> =
-        rest.iter().step_by(stride).map(|i| oriented[*i as usize]).collect();
+        spread.among(rest.len()).map(|i| oriented[rest[i] as usize]).collect();
     let cosine = math::cos(settings.normal_rad);
-    let least = (settings.min_points / stride).max(8);
+    let least = (settings.min_points / spread.stretch()).max(8);
     let mut best: Option<(f64, Rough)> = None;
     for sample in 0..SAMPLES {
         let key = Key::new(1).with(round).with(sample);

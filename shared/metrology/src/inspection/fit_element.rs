@@ -1,5 +1,6 @@
 //! Fits one element on its region of the cloud.
 
+use crate::spread::Spread;
 use nalgebra::{Point3, Vector3};
 
 use std::collections::BTreeSet;
@@ -193,7 +194,7 @@ pub(super) fn measure(
         shared_mm.clear();
     }
     let max_reject_fraction = element.max_reject_fraction;
-    let settings = FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm };
+    let settings = FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm, within_mm: None };
     let fitted = fit(element, &chosen.positions, &settings)?;
     let given = std::mem::take(&mut chosen.positions);
     // Behind an outline lie the points of its border.
@@ -221,7 +222,7 @@ pub(super) fn placing(element: &Element) -> FitSettings<'static> {
     FitSettings { max_reject_fraction: element.max_reject_fraction, ..FitSettings::default() }
 }
 
-/// Positions of the points that belong to a region, after a motion, among every k-th point near it, k such that `most` of all these remain.
+/// Positions of the points that belong to a region, after a motion, among some of those near it, so many that `most` of all these remain.
 /// The choice hangs on the points' own places, so that a point that joins or leaves changes nothing but itself.
 ///
 /// # Errors
@@ -237,9 +238,9 @@ pub(super) fn thinned(
         let holds = region.holds_position(&position) && region.holds_normal(&position, &normal);
         holds.then_some(Point3::from(position))
     };
-    let stride = nearby.len().div_ceil(most).max(1);
-    let mut thin = Vec::with_capacity(nearby.len().div_ceil(stride));
-    thin.extend((0..nearby.len()).step_by(stride).filter_map(held));
+    let spread = Spread::of(nearby.len(), most);
+    let mut thin = Vec::with_capacity(nearby.len().div_ceil(spread.stretch()));
+    thin.extend(spread.among(nearby.len()).filter_map(held));
     // Counted only as far as it must be.
     let enough = || (0..nearby.len()).filter_map(held).take(needs).count() == needs;
     if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {
@@ -247,7 +248,7 @@ pub(super) fn thinned(
     }
     // Where most points are clutter, few of the chosen would be left: then all of them are affordable.
     let Chosen { positions, places, .. } = choose(element, region, (nearby, motion), needs)?;
-    let every = places.iter().zip(&positions).filter(|(place, _)| (**place as usize).is_multiple_of(stride));
+    let every = places.iter().zip(&positions).filter(|(place, _)| spread.holds(**place as usize));
     let thin: Vec<Point3<f64>> = every.map(|(_, position)| *position).collect();
     Ok(if thin.len() < THINNED_LEAST { positions } else { thin })
 }

@@ -1,5 +1,6 @@
 //! Places of a surface with their normals, spread evenly: what the search for a start works on.
 
+use crate::spread::Spread;
 use nalgebra::{Point3, Vector3};
 
 use crate::reference::{CloudError, CloudReference, Reference};
@@ -83,10 +84,9 @@ impl Samples {
         Self { list, signed: self.signed }
     }
 
-    /// Every k-th, `most` at most.
+    /// `most` at most, from all over.
     pub fn few(&self, most: usize) -> Vec<Sample> {
-        let step = self.list.len().div_ceil(most).max(1);
-        self.list.iter().copied().step_by(step).collect()
+        Spread::of(self.list.len(), most).among(self.list.len()).map(|index| self.list[index]).collect()
     }
 
     /// Diagonal of the box around all, mm.

@@ -54,6 +54,43 @@ fn stated_fraction_is_rejected_and_no_more() {
     assert!(fit.residuals.used[..100].iter().all(|used| !used));
 }
 
+/// Rows of a grid, of which every k-th point may stand in one column: the search for an axis looks at points of all columns.
+#[test]
+fn bodies_on_grids_are_found_as_in_any_order() {
+    for (rows, columns) in [(400, 100), (300, 400), (800, 50), (600, 200)] {
+        let mut noise = Noise(5);
+        let mut grid = |place: &dyn Fn(f64, f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
+            let share = |index: usize, count: usize| index as f64 / (count - 1) as f64;
+            let all = (0..rows * columns).map(|i| (share(i / columns, rows), share(i % columns, columns)));
+            all.map(|(u, v)| place(u, v, 0.01 * noise.normal())).collect()
+        };
+        let around = |v: f64, radius: f64| {
+            let (sine, cosine) = fringe::math::sincos(3.0 * v);
+            (radius * cosine, radius * sine)
+        };
+        let shell = grid(&|u, v, off| {
+            let (x, y) = around(v, 8.0 + off);
+            Point3::new(x, y, 20.0 * u)
+        });
+        let found = cylinder(&shell, &FitSettings::default()).unwrap();
+        assert!((found.diameter_mm - 16.0).abs() < 0.002, "{rows} × {columns}: {}", found.diameter_mm);
+        let funnel = grid(&|u, v, off| {
+            let (x, y) = around(v, 8.0 + 5.0 * u + off);
+            Point3::new(x, y, 20.0 * u)
+        });
+        let found = cone(&funnel, &FitSettings::default()).unwrap();
+        let half_deg = fringe::math::atan2(5.0, 20.0).to_degrees();
+        assert!((found.half_angle_deg - half_deg).abs() < 0.01, "{rows} × {columns}");
+        let ring = grid(&|u, v, off| {
+            let (across, up) = around(2.0 * u, 4.0 + off);
+            let (x, y) = around(v, 20.0 + across);
+            Point3::new(x, y, up)
+        });
+        let found = torus(&ring, &FitSettings::default()).unwrap();
+        assert!((found.tube_diameter_mm - 8.0).abs() < 0.005, "{rows} × {columns}");
+    }
+}
+
 #[test]
 fn a_plane_turned_round_says_the_same() {
     let mut noise = Noise(3);
