@@ -231,7 +231,7 @@ fn a_result_is_replaced_by_its_own_kind_or_with_force() {
     let refused = fit("notes.json");
     assert_eq!(refused.code, Some(2), "{}", refused.stderr);
     assert!(
-        refused.stderr.contains("is mine (JSON)") && refused.stderr.contains("--force"),
+        refused.stderr.contains("is an object with \"mine\" (JSON)") && refused.stderr.contains("--force"),
         "{}",
         refused.stderr
     );

@@ -3,6 +3,7 @@
 use super::Args;
 use anyhow::{Context, Result, bail, ensure};
 use files::csv_table::{CsvRow, CsvTable};
+use files::error::Problem;
 use files::part_store::{PartRecord, read_parts, store_files};
 use metrology::spc::{Limits, Reading, Series};
 use std::path::{Path, PathBuf};
@@ -186,6 +187,14 @@ fn table(path: &Path) -> Result<Vec<Value>> {
     let value = |(index, row): (usize, &CsvRow)| {
         let text = |column: &str| table.text(row, column).map(str::to_owned);
         let number = |column: &str| table.number(row, column);
+        let limits = Limits { lower: number("lower")?, upper: number("upper")? };
+        if let (Some(lower), Some(upper)) = (limits.lower, limits.upper)
+            && lower >= upper
+        {
+            let problem =
+                Problem::Value { value: lower.to_string(), limit: format!("below \"upper\", {upper}") };
+            return Err(table.fault(row, "lower", problem).into());
+        }
         Ok(Value {
             feature: text("feature").unwrap_or_else(|| "value".into()),
             recipe: None,
@@ -196,7 +205,7 @@ fn table(path: &Path) -> Result<Vec<Value>> {
             value: number("value")?,
             u: number("u")?,
             nominal: None,
-            limits: Limits { lower: number("lower")?, upper: number("upper")? },
+            limits,
         })
     };
     table.rows.iter().enumerate().map(value).collect()

@@ -198,7 +198,7 @@ fn json(text: &str) -> Kind {
     if keys.is_empty() {
         return known("an empty object");
     }
-    known(&keys.join(", "))
+    known(&format!("an object with \"{}\"", keys.join(", ")))
 }
 
 /// A first line that is a table header, a key or a comment before one of them.

@@ -5,6 +5,7 @@
 //! (text, both byte orders, float or double, elements and properties in any order; unknown ones are skipped).
 
 mod mesh;
+mod text;
 mod write;
 
 pub use mesh::read_triangles;
@@ -140,9 +141,12 @@ fn read_body<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -
                 .map_err(|error| damaged(path, &error))?;
             continue;
         }
-        let vertices = Parser::<Vertex>::new()
-            .read_payload_for_element(reader, element, header)
-            .map_err(|error| damaged(path, &error))?;
+        let vertices = if header.encoding == Encoding::Ascii && text::is_flat(element) {
+            text::vertices(path, element, reader)?
+        } else {
+            let vertices = Parser::<Vertex>::new().read_payload_for_element(reader, element, header);
+            vertices.map_err(|error| damaged(path, &error))?
+        };
         cloud = Some(cloud_of(vertices, header, element));
     }
     let missing =

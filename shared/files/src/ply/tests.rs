@@ -175,6 +175,26 @@ fn what_is_no_cloud_is_told_so() {
     }
 }
 
+/// As PCL writes points that it does not have; and lines that do not fit the header.
+#[test]
+fn text_holds_points_that_are_nowhere_and_as_many_numbers_as_properties() {
+    let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty double z\n\
+                property uchar pair\nend_header\n";
+    let cloud = read(format!("{head}1 2 3.25 1\n\nnan nan nan 0\n4 5 6e-1 1\n").as_bytes()).unwrap();
+    assert_eq!((cloud.points.len(), cloud.dropped), (2, 1));
+    assert_eq!((cloud.points[0].position_mm, cloud.points[1].pair), ([1.0, 2.0, 3.25], 1));
+    for (body, expected) in [
+        ("1 2 3 1\n4 5 6\n7 8 9 1\n", "the line of vertex 2 has 3 values"),
+        ("1 2 3 1 7\n4 5 6 1\n7 8 9 1\n", "the line of vertex 1 has 5 values"),
+        ("1 2 3 1\n4 5 6 300\n7 8 9 1\n", "\"300\" is no number of the property \"pair\""),
+        ("1 2 3 1\n4 5 6 1\n", "ends after 2 of 3 vertices"),
+        ("1 2 3 1\n4 5 6 1\n7 8 9 1\n1 1 1 1\n", "header and body"),
+    ] {
+        let error = read(format!("{head}{body}").as_bytes()).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 #[test]
 fn a_pair_beyond_a_byte_is_refused_and_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
