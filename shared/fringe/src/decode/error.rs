@@ -101,6 +101,22 @@ pub enum DecodeError {
         /// What would stay unseen.
         event: OrderEvent,
     },
+    /// Two frames of different steps are the same.
+    #[error(
+        "set {} of the sequence (axis {axis:?}): the frames of its steps {first} and {second} are the same, bit by bit, but noise never repeats: one is a copy of the other; \
+         copy the frames from the camera anew, or record again",
+        set + 1
+    )]
+    CopiedStep {
+        /// Position of the set in the sequence, from 0.
+        set: usize,
+        /// Projector axis of the set.
+        axis: Axis,
+        /// The step of one of them, from 1.
+        first: usize,
+        /// The step of the other, from 1.
+        second: usize,
+    },
     /// White and black frames are exchanged.
     #[error(
         "the white frame is darker than the black one (axis {axis:?}): exchanged in the sequence or among the files?"

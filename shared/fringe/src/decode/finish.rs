@@ -27,6 +27,7 @@ impl Decoder {
         // First of all: a slip explains what other checks would only notice.
         let order = self.identities[home].as_ref().map_or(Ok(FrameOrder::Unchecked), Identity::verify)?;
         self.check_sets(home)?;
+        self.refuse_copied_steps(home)?;
         if let Some(residual) = self.axes[home].probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
         }

@@ -24,7 +24,7 @@
 //! camera. The estimate is joined with what is known of lenses, by inverse variance. Where the surface is all of one slope
 //! there is no line, but nothing to correct either.
 //!
-//! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
+//! Derivatives of the phase are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};

@@ -49,6 +49,7 @@ mod code_frames;
 mod code_shift;
 mod continuity;
 mod contrast_bins;
+mod copied_steps;
 mod diagnose;
 mod dirt;
 mod edges;

@@ -57,6 +57,18 @@ impl Rasters {
         (self.value(one, pixels, index), self.value(other, pixels, index))
     }
 
+    /// Whether two kept frames show the same, and something.
+    pub fn show_the_same(&self, one: usize, other: usize, pixels: usize) -> bool {
+        fn same<T: PartialEq>(one: &[T], other: &[T]) -> bool {
+            one == other && one.iter().any(|value| *value != one[0])
+        }
+        let [one, other] = [one, other].map(|number| number * pixels..(number + 1) * pixels);
+        match self {
+            Self::Bytes(kept) => same(&kept[one], &kept[other]),
+            Self::Words(kept) => same(&kept[one], &kept[other]),
+        }
+    }
+
     /// Grey values of a kept frame.
     pub fn taken(&self, one: usize, pixels: usize) -> Vec<u16> {
         (0..pixels).map(|index| self.value(one, pixels, index)).collect()

@@ -1,5 +1,9 @@
 //! Derivatives of a phase map: the least-squares quadratic over 5 × 5 pixels about each pixel.
 //!
+//! Those of the modulation are differences of two pixels to each side instead. A surface is smooth, its reflectance need not be: 5 × 5 pixels smooth
+//! a texture away whose grain is as fine as a pixel, and with it most of what it does to the phase. The differences add s² |∇φ| of its own noise to a
+//! phase, in squares (0.08 where a fringe is 25 px wide); the smoothing of points takes most of that out.
+//!
 //! The sums of a window are sums of its rows, and a row's sums serve five windows: they are made once, for a tile that fits the first
 //! cache, relative to the pixel in the middle of the row. A window then joins five of them.
 
@@ -20,6 +24,8 @@ const SUM_X2: f32 = 50.0;
 const SUM_Q2: f32 = 70.0;
 /// Σ x² y² over the neighbourhood.
 const SUM_XY2: f32 = 100.0;
+/// Times the derivative of the modulation, which is that of the polynomial through five pixels.
+const SLOPE_DIVISOR: f32 = 12.0;
 /// A neighbourhood is smooth when its residual stays within so many times the phase noise, plus this many rad.
 const SMOOTH_SIGMAS: f32 = 3.0;
 const SMOOTH_RAD: f32 = 0.02;
@@ -68,10 +74,6 @@ struct RowSums {
     curve: Lanes,
     /// Σ v², for the residual.
     squares: Lanes,
-    /// Σ B, the sum of the modulation.
-    light: Lanes,
-    /// Σ u B, for the slope of the modulation.
-    light_slope: Lanes,
     /// Phase of the middle pixel.
     middle: Lanes,
 }
@@ -82,16 +84,13 @@ impl RowSums {
         slope: [0.0; LANES],
         curve: [0.0; LANES],
         squares: [0.0; LANES],
-        light: [0.0; LANES],
-        light_slope: [0.0; LANES],
         middle: [0.0; LANES],
     };
 
-    /// The sums of the pixels of a row from two behind `at` on, from the phase and the modulation of the map. Each offset is read by itself:
-    /// to shift what was read costs more.
+    /// The sums of the pixels of a row from two behind `at` on. Each offset is read by itself: to shift what was read costs more.
     #[inline(always)]
-    fn fill<S: Simd>(&mut self, simd: S, phase: &[f32], light: &[f32], at: usize) {
-        let (phase, light) = (&phase[at..at + LANES + 2 * HALF], &light[at..at + LANES + 2 * HALF]);
+    fn fill<S: Simd>(&mut self, simd: S, phase: &[f32], at: usize) {
+        let phase = &phase[at..at + LANES + 2 * HALF];
         for part in 0..LANES / S::f32s::LEN {
             let first = part * S::f32s::LEN;
             let [p0, p1, m, p3, p4] = beside(simd, phase, first);
@@ -101,10 +100,31 @@ impl RowSums {
             put::<S>((v4 - v0) * 2.0 + (v3 - v1), &mut self.slope, first);
             put::<S>((v0 + v4) * 2.0 - (v1 + v3), &mut self.curve, first);
             put::<S>((v0 * v0 + v4 * v4) + (v1 * v1 + v3 * v3), &mut self.squares, first);
-            let lit = beside(simd, light, first);
-            put::<S>(across::<S>(lit), &mut self.light, first);
-            put::<S>(along::<S>(lit), &mut self.light_slope, first);
         }
+    }
+}
+
+/// The modulation of a map, about the pixels from a place on.
+#[derive(Clone, Copy)]
+struct Light<'a> {
+    modulation: &'a [f32],
+    at: usize,
+    width: usize,
+}
+
+impl Light<'_> {
+    /// That of the pixels `away` from those from `first` on.
+    #[inline(always)]
+    fn beside<S: Simd>(self, simd: S, first: usize, away: isize) -> S::f32s {
+        loaded(simd, self.modulation, (self.at + first).wrapping_add_signed(away))
+    }
+
+    /// [`SLOPE_DIVISOR`] times the derivative where neighbours are `next` pixels apart, from two to each side.
+    #[inline(always)]
+    fn slope<S: Simd>(self, simd: S, first: usize, next: usize) -> S::f32s {
+        let next = next as isize;
+        let at = |steps: isize| self.beside(simd, first, steps * next);
+        (at(1) - at(-1)) * 8.0 - (at(2) - at(-2))
     }
 }
 
@@ -128,7 +148,7 @@ fn above<S: Simd>(simd: S, [a, b, c, d, e]: [&Lanes; 5], first: usize) -> [S::f3
 fn window<S: Simd>(
     simd: S,
     [a, b, c, d, e]: [&RowSums; 5],
-    (sigma_rad, modulation): (&Lanes, &Lanes),
+    (sigma_rad, light): (&Lanes, Light),
     expected: &Expected,
 ) -> (Lanes, Lanes) {
     let [along_x, along_y] = expected.shape;
@@ -156,14 +176,12 @@ fn window<S: Simd>(
             + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
             + dxy * dxy * (1.0 / SUM_XY2);
         let limit = loaded(simd, sigma_rad, first) * SMOOTH_SIGMAS + SMOOTH_RAD;
-        let lit = loaded(simd, modulation, first);
+        let lit = light.beside(simd, first, 0);
         // 25 values, six parameters. A masked neighbour makes the sum NaN, and NaN is not within the limit.
         let smooth = (d2 - explained).simd_le(limit * 19.0 * limit) & lit.simd_gt(0.0);
         let (x, y) = (dx * (1.0 / SUM_X2), dy * (1.0 / SUM_X2));
-        let shading = S::f32s::simd_from(simd, 1.0) / (lit * SUM_X2);
-        let light = above(simd, [&a.light, &b.light, &c.light, &d.light, &e.light], first);
-        let rows = [&a.light_slope, &b.light_slope, &c.light_slope, &d.light_slope, &e.light_slope];
-        let (u, v) = (across::<S>(above(simd, rows, first)) * shading, along::<S>(light) * shading);
+        let shading = S::f32s::simd_from(simd, 1.0) / (lit * SLOPE_DIVISOR);
+        let (u, v) = (light.slope(simd, first, 1) * shading, light.slope(simd, first, light.width) * shading);
         let (gx, gy) = (x * along_x, y * along_y);
         let curve = (dxx * along_x + dyy * along_y) * (1.0 / SUM_Q2);
         let value = curve + (u * x * along_x + v * y * along_y);
@@ -213,7 +231,7 @@ impl Survey<'_> {
                 // The sums of a row take the place of those that no window reaches any more.
                 for (group, sums) in sums[below % LINES][..tile].iter_mut().enumerate() {
                     let at = below * width + start(group) - HALF;
-                    sums.fill(simd, self.map.phase_rad, self.map.modulation, at);
+                    sums.fill(simd, self.map.phase_rad, at);
                 }
                 let Some(y) = below.checked_sub(HALF).filter(|y| *y >= first && lit(*y)) else { continue };
                 // Not over the rows of sums: five of them serve each group.
@@ -227,8 +245,9 @@ impl Survey<'_> {
                         continue;
                     }
                     let modulation = taken(self.map.modulation, at);
+                    let light = Light { modulation: self.map.modulation, at, width };
                     let (found, slope2) =
-                        window(simd, rows, (&taken(self.map.sigma_rad, at), &modulation), &self.expected);
+                        window(simd, rows, (&taken(self.map.sigma_rad, at), light), &self.expected);
                     bias[at - row * width..][..LANES].copy_from_slice(&found);
                     let counted = column + group * LANES - start(group);
                     self.add_to_bins(simd, at, counted, (&slope2, &modulation), y % GROUPS, bins);

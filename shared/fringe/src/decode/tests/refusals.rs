@@ -1,6 +1,7 @@
 //! Sequences and frames that are refused, and pixels that are masked.
 
 use super::*;
+use crate::decode::Finding;
 use crate::frame::Pixels;
 
 fn refusal(sequence: &[PatternSet]) -> DecodeError {
@@ -18,6 +19,48 @@ fn sequences_without_an_absolute_order_say_what_is_missing() {
     assert!(text.contains("stripe of 32 px is longer"), "{text}");
     let error = refusal(&[sine(x, 16.0, 4), gray(x, 5, 16.0), PatternSet::White {}, PatternSet::Black {}]);
     assert_eq!(error, DecodeError::CodeTooShort { index: 1, axis: x, covers_px: 512.0, extent_px: 608 });
+}
+
+/// The same frame twice, in the files of a camera whose pictures have noise or none.
+#[test]
+fn a_step_that_is_a_copy_of_another_is_named() {
+    let sequence = demo(16.0, 6);
+    let outcome = |scene: &Scene, frames: &[Frame]| {
+        let mut decoder = scene.decoder(&sequence, &DecodeSettings::default())?;
+        for (index, frame) in frames.iter().enumerate() {
+            decoder.push(index, &frame.view())?;
+        }
+        let mut map = PhaseMap::new(decoder.info(Axis::X)?);
+        decoder.finish(Axis::X, &mut map.view_mut())
+    };
+    let mut scene = Scene::ramp(64, 16, 1.0, 0.3, 608).eight_bits();
+    for noise in [(0.0, 0.0), (0.5, 0.02)] {
+        scene.noise = noise;
+        for (from, to) in [(3, 4), (0, 2), (4, 1)] {
+            let mut frames = scene.frames(&sequence);
+            frames[to] = frames[from].clone();
+            let (first, second) = (from.min(to) + 1, from.max(to) + 1);
+            match outcome(&scene, &frames) {
+                Err(refused) => {
+                    assert_eq!(refused, DecodeError::CopiedStep { set: 0, axis: Axis::X, first, second });
+                    assert!(refused.to_string().contains("noise never repeats"), "{refused}");
+                }
+                // Left out for what it shows.
+                Ok(report) => {
+                    let named = |finding: &Finding| {
+                        finding.step.is_some_and(|step| [first - 1, second - 1].contains(&step))
+                    };
+                    assert!(report.findings.iter().any(named), "{from} for {to}: {:?}", report.findings);
+                }
+            }
+        }
+    }
+    // Light of two opposite phases, which two steps show alike where there is no noise, is no copy.
+    let opposite =
+        Scene::new(64, (0..1024).map(|i| 16.0 + 8.0 * f64::from(i % 3)).collect(), 608).eight_bits();
+    let copied =
+        matches!(outcome(&opposite, &opposite.frames(&sequence)), Err(DecodeError::CopiedStep { .. }));
+    assert!(!copied);
 }
 
 #[test]
