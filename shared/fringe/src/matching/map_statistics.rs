@@ -2,13 +2,13 @@
 
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
-use crate::surface::{WINDOWS, independent_share};
+use crate::surface::{Independence, WINDOWS, independence};
 
 /// Noise and slope of a map.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MapStatistics {
-    /// Share of the noise's variance that differs from pixel to pixel, 0 to 1.
-    pub independent: f64,
+    /// How far the noise belongs to the pixels by themselves.
+    pub independence: Independence,
     /// Median of its stated noise, rad.
     pub noise_rad: f32,
     /// Median difference of neighbours, the larger of that along rows and that along columns, rad.
@@ -19,7 +19,7 @@ impl MapStatistics {
     /// Of a map, from at most [`WINDOWS`] pixels each. `masked` is its phase with NaN where it may not be used; `scratch` has a capacity of
     /// so many values.
     pub fn of(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> Self {
-        let independent = independent_share(map, masked, scratch);
+        let independence = independence(map, masked, scratch);
         let stride = masked.len().div_ceil(WINDOWS).max(1);
         let mut middle = |value: &dyn Fn(usize) -> f32, count: usize| {
             scratch.clear();
@@ -30,13 +30,13 @@ impl MapStatistics {
         let noise_rad = middle(&noise, masked.len());
         let step_rad = [1, map.info.width_px as usize]
             .map(|next| middle(&|i| (masked[i + next] - masked[i]).abs(), masked.len().saturating_sub(next)));
-        Self { independent, noise_rad, step_rad: step_rad[0].max(step_rad[1]) }
+        Self { independence, noise_rad, step_rad: step_rad[0].max(step_rad[1]) }
     }
 
     /// What holds for both maps: the more of the noise, of its reach and of the slope.
     pub fn worse(self, other: Self) -> Self {
         Self {
-            independent: self.independent.min(other.independent),
+            independence: self.independence.worse(other.independence),
             noise_rad: self.noise_rad.max(other.noise_rad),
             step_rad: self.step_rad.max(other.step_rad),
         }

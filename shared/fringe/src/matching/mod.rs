@@ -229,12 +229,12 @@ impl Matcher {
             || MapStatistics::of(left, phases.left, scratch_left),
             || MapStatistics::of(right, phases.right, scratch_right),
         );
-        let MapStatistics { independent, noise_rad, step_rad } = of_left.worse(of_right);
+        let MapStatistics { independence, noise_rad, step_rad } = of_left.worse(of_right);
         let period_px = left.info.period_px;
         let limits = self.settings.step_limits(period_px, noise_rad, step_rad);
         let noise_px = f64::from(noise_rad) * period_px / TAU;
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
-        let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
+        let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independence.interpolated);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
         if edge_px == 0 {
             self.ends.clear();
@@ -255,7 +255,7 @@ impl Matcher {
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
-            independent,
+            independence,
             max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };
         report.surface = self.surface.build(&view, pair, out);

@@ -24,7 +24,8 @@ use crate::phase::PhaseView;
 use crate::rectify::{Directions, RectifiedCamera};
 use crate::sensor::Footprint;
 use crate::surface::{
-    Cause, OWN, Sample, SurfaceBuilder, View, WINDOWS, independent_share, mark_limbs, mark_missing, reach_px,
+    Cause, Independence, OWN, Sample, SurfaceBuilder, View, WINDOWS, independence, mark_limbs, mark_missing,
+    reach_px,
 };
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
@@ -131,10 +132,10 @@ impl ProjectorMatcher {
             mask(map, &mut self.phase_y);
         }
         let Self { phase_x: masked_x, phase_y: masked_y, scratch, .. } = self;
-        let independent = [(phase_x, masked_x), (phase_y, masked_y)]
+        let independence = [(phase_x, masked_x), (phase_y, masked_y)]
             .into_iter()
-            .filter_map(|(map, masked)| Some(independent_share(map?, masked, scratch)))
-            .fold(1.0, f64::min);
+            .filter_map(|(map, masked)| Some(independence(map?, masked, scratch)))
+            .fold(Independence::WHOLE, Independence::worse);
         self.mark_limbs(phase_x, phase_y);
         let mut report = self.intersect(phase_x, phase_y);
         let view = View {
@@ -151,7 +152,7 @@ impl ProjectorMatcher {
                 .into_inner(),
             origin_mm: self.camera.centre_mm(),
             other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
-            independent,
+            independence,
             max_sigma: f64::INFINITY,
         };
         self.surface.load(&self.samples);

@@ -200,17 +200,14 @@ impl Selector<'_> {
         let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
         let size = (view.width, view.height);
         let normal = normal(view, samples, pixel, link, half);
-        let (mut sample, window) =
-            smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
+        let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, smoothing);
         let edge = view.rim_px(&samples.at(pixel), settings.edge_px as usize);
         let rim = window < edge && at_rim(size, samples, gaps, pixel, link, edge);
         if window < smoothing && !rim {
-            let spread = (size, view.independent);
-            sample =
-                smoothed_partly(spread, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);
+            sample = smoothed_partly(view, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);
         }
         // Noise of the pixel alone hides what reaches over many.
-        if window > 0 || view.independent < 1.0 {
+        if window > 0 || view.independence.share < 1.0 {
             sample.sigma = (f64::from(sample.sigma) * self.excess) as f32;
         }
         let mut steep = false;

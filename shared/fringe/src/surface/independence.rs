@@ -22,13 +22,36 @@ pub(crate) const WINDOWS: usize = 16_384;
 /// Median magnitude of a standard normal variable.
 const MEDIAN_NORMAL: f64 = 0.674_49;
 
-/// Share of the variance that differs from pixel to pixel, 0 to 1. `masked` is the phase with NaN where it may not be used; `scratch` has
+/// How far the noise of a phase map belongs to its pixels by themselves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Independence {
+    /// Share of the variance that differs from pixel to pixel, 0 to 1.
+    pub share: f64,
+    /// Whether neighbours agree far better than their uncertainties say: then they were interpolated from the same values. The texture of a part
+    /// makes pixels apart differ by more than is stated, and its neighbours as stated.
+    pub interpolated: bool,
+}
+
+impl Independence {
+    /// Each pixel was measured by itself.
+    pub const WHOLE: Self = Self { share: 1.0, interpolated: false };
+
+    /// What holds for both of two maps.
+    pub fn worse(self, other: Self) -> Self {
+        Self { share: self.share.min(other.share), interpolated: self.interpolated || other.interpolated }
+    }
+}
+
+/// Whether noise differs from pixel to pixel. `masked` is the phase with NaN where it may not be used; `scratch` has
 /// a capacity of [`WINDOWS`] values.
-pub(crate) fn independent_share(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> f64 {
+pub(crate) fn independence(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> Independence {
     let mut scatter = |lag| scatter(map, masked, lag, scratch).filter(|scatter| *scatter >= EXACT);
-    let Some((near, apart)) = scatter(1).zip(scatter(APART_PX)) else { return 1.0 };
+    let Some((near, apart)) = scatter(1).zip(scatter(APART_PX)) else { return Independence::WHOLE };
     let ratio = near / apart;
-    if ratio < INDEPENDENT { ratio * ratio } else { 1.0 }
+    if ratio >= INDEPENDENT {
+        return Independence::WHOLE;
+    }
+    Independence { share: ratio * ratio, interpolated: near < INDEPENDENT }
 }
 
 /// Scatter of pixels `lag` apart over the stated uncertainty; `None` from too few windows.
@@ -66,14 +89,14 @@ mod tests {
 
     const SIDE: usize = 160;
 
-    fn share(stated: f32, value: impl Fn(&[f64], usize) -> f64) -> f64 {
+    fn found(stated: f32, value: impl Fn(&[f64], usize) -> f64) -> Independence {
         let noise: Vec<f64> = (0..SIDE * SIDE).map(|i| normal_quantile(Key::new(5).open(i as u64))).collect();
         let info =
             PhaseInfo { width_px: SIDE as u32, height_px: SIDE as u32, axis: Axis::X, period_px: 16.0 };
         let mut map = PhaseMap::new(info);
         map.sigma_rad.fill(stated);
         let masked: Vec<f32> = (0..SIDE * SIDE).map(|i| value(&noise, i) as f32).collect();
-        independent_share(&map.view(), &masked, &mut Vec::new())
+        independence(&map.view(), &masked, &mut Vec::new())
     }
 
     /// The mean of 3 × 3 neighbours, scaled to the scatter of one.
@@ -89,11 +112,23 @@ mod tests {
     #[test]
     fn shared_noise_is_told_from_noise_that_is_stated_wrong() {
         for stated in [0.01, 0.03, 0.005] {
-            let alone = share(stated, |noise, i| 0.01 * noise[i]);
-            assert!((alone - 1.0).abs() < 1e-12, "{stated}: {alone}");
-            let shared = share(stated, |noise, i| 0.01 * spread(noise, i));
-            assert!(shared < 0.2, "{stated}: {shared}");
+            let alone = found(stated, |noise, i| 0.01 * noise[i]);
+            assert_eq!(alone, Independence::WHOLE, "{stated}");
+            let shared = found(stated, |noise, i| 0.01 * spread(noise, i));
+            assert!(shared.share < 0.2, "{stated}: {}", shared.share);
         }
-        assert!((share(0.01, |_, i| 1e-3 * i as f64) - 1.0).abs() < 1e-12, "no noise at all");
+        assert_eq!(found(0.01, |_, i| 1e-3 * i as f64), Independence::WHOLE, "no noise at all");
+    }
+
+    /// Neighbours that agree far better than stated were interpolated; those that scatter as stated beside a slower texture that differs by more were not.
+    #[test]
+    fn interpolated_pixels_are_told_from_a_part_with_texture() {
+        assert!(found(0.01, |noise, i| 0.01 * spread(noise, i)).interpolated);
+        let grain = |i: usize| {
+            let [x, y] = [i % SIDE, i / SIDE].map(|place| place as f64);
+            crate::math::sin(0.7 * x) * crate::math::sin(0.75 * y)
+        };
+        let texture = found(0.01, |noise, i| 0.01 * noise[i] + 0.02 * grain(i));
+        assert!(texture.share < 1.0 && !texture.interpolated, "{texture:?}");
     }
 }

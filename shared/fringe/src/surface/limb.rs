@@ -184,7 +184,7 @@ impl Selector<'_> {
         }
         let [x, y] = self.view.directions.at(pixel);
         let noise = self.view.noise_px(sample) * normal.dot(&Vector3::new(x, y, 1.0)).abs();
-        if rim_is_hidden(noise, LIMB_ERROR / STEEP_SHARE, self.view.independent) {
+        if rim_is_hidden(noise, LIMB_ERROR / STEEP_SHARE, self.view.independence.interpolated) {
             return false;
         }
         let eyes = [(OWN, Vector3::zeros()), (OTHER, self.view.other_mm)];

@@ -7,6 +7,7 @@ mod broken;
 mod buffers;
 mod build;
 mod cause;
+mod curved;
 mod gaps;
 mod independence;
 mod joints;
@@ -24,7 +25,7 @@ mod windows;
 
 pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
-pub(crate) use independence::{WINDOWS, independent_share};
+pub(crate) use independence::{Independence, WINDOWS, independence};
 pub(crate) use limb::{OTHER, OWN, RIM, mark_limbs, reach_px};
 pub(crate) use point::{Sample, View, rim_is_hidden};
 pub(crate) use raster::Samples;

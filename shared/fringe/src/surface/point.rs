@@ -1,6 +1,7 @@
 //! The raster of inverse depths, and the point of a pixel.
 
 use super::cause::Cause;
+use super::independence::Independence;
 use crate::cloud::Point;
 use crate::rectify::Directions;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -52,8 +53,8 @@ pub(crate) struct View<'a> {
     pub origin_mm: Point3<f64>,
     /// Optical centre of the other view, mm, seen from this one.
     pub other_mm: Vector3<f64>,
-    /// Share of the noise that differs from pixel to pixel, so that smoothing takes it out; see [`super::independence`].
-    pub independent: f64,
+    /// How far the noise differs from pixel to pixel, so that smoothing takes it out.
+    pub independence: Independence,
     /// Largest standard uncertainty of the inverse depth after smoothing, 1/mm.
     pub max_sigma: f64,
 }
@@ -75,16 +76,14 @@ pub(super) fn steepest(min_cosine: f64, noise_px: f64) -> f64 {
 /// Cosine of the steepest incidence that a slope is turned back from: 87°.
 const LEAST_COSINE: f64 = 0.05;
 
-/// Noise of which less than this share belongs to the pixel alone comes from an interpolation …
-const INTERPOLATED: f64 = 0.5;
-/// … if it is at least this part of the noise that hides a rim: shape and blur are shared by neighbours too, and where there is hardly
-/// any noise they are all that is seen.
+/// Noise of points that were interpolated is at least this part of what hides a rim: shape and blur are shared by neighbours too, and where there
+/// is hardly any noise they are all that is seen.
 const INTERPOLATED_NOISE: f64 = 0.1;
 
 /// Whether the shift of points two pixels from a rim is hidden: by noise beyond a limit, or by less of it where points were interpolated
 /// from more than the pixel itself, which then hardly know its own footprint.
-pub(crate) fn rim_is_hidden(noise: f64, limit: f64, independent: f64) -> bool {
-    noise > limit || (independent < INTERPOLATED && noise > INTERPOLATED_NOISE * limit)
+pub(crate) fn rim_is_hidden(noise: f64, limit: f64, interpolated: bool) -> bool {
+    noise > limit || (interpolated && noise > INTERPOLATED_NOISE * limit)
 }
 
 /// With more depth noise than this, in pixels on the surface, the shift of points two pixels from a rim does not matter.
@@ -107,7 +106,7 @@ impl<'a> View<'a> {
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
             max_sigma: f64::INFINITY,
-            independent: 1.0,
+            independence: Independence::WHOLE,
         }
     }
 }
@@ -123,7 +122,7 @@ impl View<'_> {
     /// some 0.1 pixels.
     #[inline]
     pub(super) fn rim_px(&self, sample: &Sample, edge_px: usize) -> usize {
-        let hidden = rim_is_hidden(self.noise_px(sample), RIM_NOISE_PX, self.independent);
+        let hidden = rim_is_hidden(self.noise_px(sample), RIM_NOISE_PX, self.independence.interpolated);
         if hidden { edge_px.min(1) } else { edge_px }
     }
 
@@ -204,10 +203,10 @@ mod tests {
     /// Without noise neighbours share shape and blur, which is no interpolation: points near a rim stay suspect.
     #[test]
     fn a_rim_is_hidden_by_noise_not_by_what_neighbours_share_without_it() {
-        for (noise, independent, hidden) in
-            [(2.0, 1.0, true), (0.5, 1.0, false), (0.5, 0.1, true), (1e-4, 0.1, false)]
+        for (noise, interpolated, hidden) in
+            [(2.0, false, true), (0.5, false, false), (0.5, true, true), (1e-4, true, false)]
         {
-            assert_eq!(rim_is_hidden(noise, 1.0, independent), hidden, "noise {noise}, share {independent}");
+            assert_eq!(rim_is_hidden(noise, 1.0, interpolated), hidden, "noise {noise}, {interpolated}");
         }
     }
 }

@@ -61,16 +61,16 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
     let sigmas = taken::<_, LANES>(&samples.sigmas, at);
     let own_shares = taken::<_, LANES>(&samples.own_shares, at);
     let mut sigma = [0.0; LANES];
-    let mut left = [0.0; LANES];
+    let (mut own, mut left) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         sigma[l] = f64::from(sigmas[l]);
-        left[l] = f64::from(own_shares[l]);
+        own[l] = f64::from(own_shares[l]);
     }
-    for left in &mut left {
-        *left = shared(share_left(HALF, *left), view.independent);
+    for l in 0..LANES {
+        left[l] = shared(share_left(HALF, own[l]), view.independence.share);
     }
     let columns = block.columns(view, depths, at);
-    let fits = fits(columns, |k, l| k + l, &sigma, shared_by.max_step);
+    let fits = fits(columns, |k, l| k + l, [&sigma, &own], (shared_by.max_step, view.pitch));
     let [above_x, above_y] = view.directions.along::<LANES>(at - view.width);
     let [below_x, below_y] = view.directions.along::<LANES>(at + view.width);
     let [beside_x, beside_y] = view.directions.along::<{ LANES + 2 }>(at - 1);
@@ -202,9 +202,10 @@ pub(super) fn smoothed(
     let mut columns = Columns::<{ 5 * LANES }>::NONE;
     let [above, over, own, under, below] = &windows;
     columns.fill([above, over, own, under, below]);
-    let fits = fits(columns.part::<{ 5 * LANES }>(0), |k, l| k * LANES + l, &sigma, max_step);
+    let fits =
+        fits(columns.part::<{ 5 * LANES }>(0), |k, l| k * LANES + l, [&sigma, &left], (max_step, view.pitch));
     for l in 0..LANES {
-        single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independent).sqrt()) as f32;
+        single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independence.share).sqrt()) as f32;
     }
     (fits.smooth, single)
 }
@@ -212,6 +213,7 @@ pub(super) fn smoothed(
 #[cfg(test)]
 mod tests {
     use super::super::build::Selector;
+    use super::super::independence::Independence;
     use super::super::normals::Link;
     use super::super::{Cause, SurfaceSettings};
     use super::*;
@@ -253,7 +255,7 @@ mod tests {
             world_from_sight: Matrix3::new(cosine, 0.0, sine, 0.0, 1.0, 0.0, -sine, 0.0, cosine),
             origin_mm: Point3::new(3.0, -20.0, 7.0),
             other_mm: Vector3::new(150.0, 0.0, 0.0),
-            independent: 0.9,
+            independence: Independence { share: 0.9, interpolated: false },
             max_sigma: 1e-7,
         };
         let (settings, gaps) = (SurfaceSettings::default(), vec![0; samples.len()]);

@@ -35,7 +35,7 @@ impl SurfaceBuilder {
     /// does not scatter; of so many samples there are any.
     pub(super) fn excess(&mut self, view: &View, link: Link, count: usize) -> f64 {
         let half = self.settings.smoothing_half();
-        let alone = view.independent >= 1.0;
+        let alone = view.independence.share >= 1.0;
         if half == 0 && alone {
             return 1.0;
         }
@@ -162,7 +162,6 @@ impl Windows<'_> {
     /// The smoothed samples of those places that are asked.
     #[inline(always)]
     fn smoothed(&self, places: &[usize; LANES], asked: [bool; LANES]) -> ([f64; LANES], [f32; LANES]) {
-        let View { width, height, independent, .. } = *self.view;
         let (mut values, mut sigmas) = ([f64::NAN; LANES], [f32::NAN; LANES]);
         let inner: [bool; LANES] = std::array::from_fn(|l| asked[l] && self.reaches(places[l], HALF));
         if self.half == HALF
@@ -173,8 +172,7 @@ impl Windows<'_> {
         }
         for l in (0..LANES).filter(|l| asked[*l]) {
             if !inner[l] || values[l].is_nan() {
-                let size = ((width, height), independent);
-                let (sample, _) = smoothed(size, self.samples, places[l], self.link.max_step, self.half);
+                let (sample, _) = smoothed(self.view, self.samples, places[l], self.link.max_step, self.half);
                 (values[l], sigmas[l]) = (sample.inverse_depth, sample.sigma);
             }
         }

@@ -1,14 +1,15 @@
 //! Less noise in single points: the least-squares quadratic of the inverse depth over a window, read at its middle.
 //!
-//! Exact where the inverse depth is quadratic, so that it takes no curvature away: on a ball of 11 mm at 0.21 mm per
-//! pixel what is left (fourth order) stays below 1 µm up to 65° of incidence. A window that is not all one smooth
+//! Exact where the inverse depth is quadratic, so that it takes no curvature away; what it takes of a ball seen steeply, of fourth order, is given
+//! back ([`super::curved`]). A window that is not all one smooth
 //! surface (an edge, a crease, a hole) is not used; a smaller one is tried, then the sample stays as it is.
 //!
 //! Smoothed neighbours share noise: nothing that is fitted to many points gets more certain by it, and the correlation
 //! has to be looked after there, as with [`metrology::fit::Correlation`].
 
+use super::curved::{Derivatives, missing};
 use super::normals::Link;
-use super::point::Sample;
+use super::point::{Sample, View};
 use super::raster::Raster;
 use nalgebra::{Matrix6, Vector6};
 
@@ -46,23 +47,24 @@ pub(super) fn shared(left: f64, independent: f64) -> f64 {
 /// The sample with less noise, from the largest window up to `half` that shows one smooth surface.
 #[inline]
 pub(super) fn smoothed(
-    ((width, height), independent): ((usize, usize), f64),
+    view: &View,
     samples: &Raster,
     pixel: usize,
     max_step: f64,
     half: usize,
 ) -> (Sample, usize) {
+    let View { width, height, pitch, .. } = *view;
     let (column, row) = (pixel % width, pixel / width);
     let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
     for half in (1..=half.min(border)).rev() {
         let value = match half {
-            3 => middle::<3>(width, samples, pixel, max_step),
-            2 => middle::<2>(width, samples, pixel, max_step),
-            _ => middle::<1>(width, samples, pixel, max_step),
+            3 => middle::<3>((width, pitch), samples, pixel, max_step),
+            2 => middle::<2>((width, pitch), samples, pixel, max_step),
+            _ => middle::<1>((width, pitch), samples, pixel, max_step),
         };
         if let Some(inverse_depth) = value {
             let own = f64::from(samples.own_shares[pixel]);
-            let left = shared(share_left(half, own), independent);
+            let left = shared(share_left(half, own), view.independence.share);
             let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
             return (Sample { inverse_depth, sigma, ..samples.at(pixel) }, half);
         }
@@ -79,22 +81,23 @@ const MOST_EXTRA_NOISE: f64 = 2.0;
 /// The same over a window that lacks the samples of narrow gaps: the largest one beyond half width `none` up to `half`. The sample is
 /// left alone where more than gaps is missing.
 pub(super) fn smoothed_partly(
-    ((width, height), white): ((usize, usize), f64),
+    view: &View,
     samples: &Raster,
     gaps: &[u8],
     pixel: usize,
     link: Link,
     (none, half): (usize, usize),
 ) -> Option<Sample> {
+    let View { width, height, pitch, .. } = *view;
     let (column, row) = (pixel % width, pixel / width);
     let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
     (none + 1..=half.min(border)).rev().find_map(|half| {
         let fit = Partial::gather((width, half), samples, gaps, pixel, link)?;
-        let (inverse_depth, own) = fit.solve(&samples.at(pixel), half)?;
+        let (inverse_depth, own) = fit.solve((&samples.at(pixel), pitch), half)?;
         let extra = own / OWN_SHARE[half];
         let independent = f64::from(samples.own_shares[pixel]);
         let left = independent * own + (1.0 - independent) * (OTHER_SHARE[half] * extra).min(1.0);
-        let left = shared(left, white);
+        let left = shared(left, view.independence.share);
         let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
         (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples.at(pixel) })
     })
@@ -160,7 +163,7 @@ impl Partial {
 
     /// Inverse depth at the middle and the share of independent noise that is left; `None` where the samples are rougher than noise
     /// and one smooth surface explain.
-    fn solve(&self, centre: &Sample, half: usize) -> Option<(f64, f64)> {
+    fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, f64)> {
         let inverse = self.normal.cholesky()?.inverse();
         let fit = inverse * self.moments;
         let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
@@ -168,15 +171,28 @@ impl Partial {
         let slope2 = fit[1] * fit[1] + fit[2] * fit[2];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * self.squares;
         let enough = half > 1 || self.count > 7.0;
-        (enough && residual <= limit).then_some((centre.inverse_depth + fit[0], inverse[(0, 0)]))
+        let (by_uu, by_vv) = (2.0 * fit[3], 2.0 * fit[5]);
+        let derivatives = Derivatives { u: fit[1], v: fit[2], uu: by_uu, uv: fit[4], vv: by_vv };
+        let missing = missing(half, derivatives, of(centre), pitch);
+        (enough && residual <= limit).then_some((centre.inverse_depth + (fit[0] + missing), inverse[(0, 0)]))
     }
+}
+
+/// What [`missing`] asks of a sample.
+fn of(sample: &Sample) -> [f64; 3] {
+    [sample.inverse_depth, f64::from(sample.sigma), f64::from(sample.own_share)]
 }
 
 /// The quadratic over (2 HALF + 1)² samples at its middle; `None` where they are not one smooth surface.
 ///
 /// By orthogonal polynomials 1, u, v, u² − m, uv, v² − m with m the mean of u².
 #[inline]
-fn middle<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, max_step: f64) -> Option<f64> {
+fn middle<const HALF: usize>(
+    (width, pitch): (usize, f64),
+    samples: &Raster,
+    pixel: usize,
+    max_step: f64,
+) -> Option<f64> {
     let centre = &samples.at(pixel);
     let side = (2 * HALF + 1) as f64;
     let mean_square = (HALF * (HALF + 1)) as f64 / 3.0;
@@ -220,14 +236,23 @@ fn middle<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, max_s
     let noise = MAX_NOISE * f64::from(centre.sigma);
     let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * squares;
     let connected = worst <= max_step * HALF as f64 * centre.inverse_depth.abs() + 2.0 * noise;
+    let derivatives = Derivatives {
+        u: by_u / linear,
+        v: by_v / linear,
+        uu: 2.0 * by_uu / square,
+        uv: by_uv / cross,
+        vv: 2.0 * by_vv / square,
+    };
+    let missing = missing(HALF, derivatives, of(centre), pitch);
     // An absent sample makes the sums NaN, and the comparison false.
     (residual <= limit && connected)
-        .then(|| centre.inverse_depth + sum / ones - mean_square * (by_uu + by_vv) / square)
+        .then(|| centre.inverse_depth + (sum / ones - mean_square * (by_uu + by_vv) / square + missing))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rectify::Directions;
 
     const SIDE: usize = 9;
     const MIDDLE: usize = SIDE * SIDE / 2;
@@ -241,7 +266,14 @@ mod tests {
     }
 
     fn at_middle(samples: &[Sample], half: usize) -> (Sample, usize) {
-        smoothed(((SIDE, SIDE), 1.0), &samples.into(), MIDDLE, STEP, half)
+        // Wide pixels: what is bent here is hardly bent for them.
+        at_middle_of_pixels(samples, half, 1e3)
+    }
+
+    fn at_middle_of_pixels(samples: &[Sample], half: usize, pitch: f64) -> (Sample, usize) {
+        let directions = Directions::kept(SIDE, vec![[0.0; 2]; SIDE * SIDE]);
+        let view = View::along_the_axes([SIDE, SIDE], &directions, pitch);
+        smoothed(&view, &samples.into(), MIDDLE, STEP, half)
     }
 
     #[test]
@@ -283,11 +315,12 @@ mod tests {
                 let (x, y) = (radius * sine + pixel_mm * u, pixel_mm * v);
                 away_mm - (radius * radius - x * x - y * y).max(0.0).sqrt()
             };
-            let (sample, window) = at_middle(&raster(|u, v| 1.0 / depth(u, v), 5e-8), 2);
+            let ball = raster(|u, v| 1.0 / depth(u, v), 5e-8);
+            let (sample, window) = at_middle_of_pixels(&ball, 2, pixel_mm / away_mm);
             let off_um = 1e3 * (1.0 / sample.inverse_depth - depth(0.0, 0.0)) * cosine;
             // Next to the limb no quadratic holds the slope: the window shrinks by itself.
             assert!(
-                (window == 2 || degrees > 60.0) && off_um.abs() < 1.0,
+                (window == 2 || degrees > 60.0) && off_um.abs() < 0.1,
                 "{degrees}: {off_um} over {window}"
             );
         }

@@ -3,6 +3,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
+use super::curved::{Derivatives, missing};
 use super::point::View;
 use super::smooth::{MAX_NOISE, MAX_ROUGHNESS};
 use std::ops::Range;
@@ -101,8 +102,8 @@ impl<const N: usize> Columns<N> {
 pub(super) fn fits<const M: usize>(
     [middle, low, high, sums, slopes, bends, squares]: [&[f64; M]; 7],
     at: impl Fn(usize, usize) -> usize,
-    sigma: &Lanes,
-    max_step: f64,
+    [sigma, own]: [&Lanes; 2],
+    (max_step, pitch): (f64, f64),
 ) -> Fits {
     let zero = [0.0; LANES];
     let mut out = Fits { smooth: zero, value: zero, by_column: zero, by_row: zero };
@@ -135,7 +136,15 @@ pub(super) fn fits<const M: usize>(
         let noise = MAX_NOISE * sigma[l];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * square;
         let connected = worst <= max_step * HALF as f64 * centre.abs() + 2.0 * noise;
-        let smooth = centre + sum * (1.0 / 25.0) - (by_uu + by_vv) * (2.0 / 70.0);
+        let derivatives = Derivatives {
+            u: by_u * (1.0 / 50.0),
+            v: by_v * (1.0 / 50.0),
+            uu: by_uu * (2.0 / 70.0),
+            uv: by_uv * (1.0 / 100.0),
+            vv: by_vv * (2.0 / 70.0),
+        };
+        let missing = missing(HALF, derivatives, [centre, sigma[l], own[l]], pitch);
+        let smooth = centre + (sum * (1.0 / 25.0) - (by_uu + by_vv) * (2.0 / 70.0) + missing);
         // An absent sample makes the sums NaN, and the comparison false.
         out.smooth[l] = if (residual <= limit) & connected { smooth } else { f64::NAN };
         let one = worst <= max_step * centre.abs() + 6.0 * sigma[l];
