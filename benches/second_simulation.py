@@ -163,8 +163,41 @@ def gather(share, column, table, first, fine_shape, pixels, sigma_x, sigma_y, ou
                     out[f, p] += weight * (table[f, low] * (1 - part) + table[f, low + 1] * part)
 
 
-def picture(eye, sigma, growth, light, table, centres, rng, noise):
+class Optics:
+    """What paint, lens and sensor do to the light: a texture of two grains, a picture that darkens towards its corners, pixels of unequal gain."""
+
+    def __init__(self, texture, grain_mm, vignetting, unequal):
+        self.texture, self.grain_mm, self.vignetting, self.unequal = texture, grain_mm, vignetting, unequal
+        self.lattice = np.random.default_rng(77).normal(size=(64, 64, 64))
+
+    def albedo(self, places, sphere):
+        """Relative reflectance at places of spheres, mm from their centres."""
+        if self.texture == 0.0:
+            return 1.0
+        values = sum(self.between(places / grain + 17.3 * (sphere[:, None] + 1)) for grain in (self.grain_mm, 4 * self.grain_mm))
+        return np.maximum(1.0 + self.texture * values, 0.05)
+
+    def between(self, places):
+        """Lattice of random numbers, linear between its places; its standard deviation is about a half."""
+        low = np.floor(places).astype(int)
+        part = places - low
+        total = np.zeros(len(places))
+        for corner in np.ndindex(2, 2, 2):
+            weight = np.prod(np.where(corner, part, 1 - part), -1)
+            x, y, z = ((low + corner) % 64).T
+            total += weight * self.lattice[x, y, z]
+        return total
+
+    def gains(self, name):
+        """Relative gain of each pixel of a camera, the same in every placement."""
+        x, y = np.meshgrid(np.linspace(-1, 1, SIZE[0]), np.linspace(-1, 1, SIZE[1]))
+        each = np.random.default_rng(list(name.encode())).normal(size=SIZE[::-1])
+        return (1.0 - self.vignetting * 0.5 * (x**2 + y**2)) * (1.0 + self.unequal * each)
+
+
+def picture(name, eye, light, table, centres, rng, noise, optics):
     """All frames of a camera."""
+    _, _, _, sigma, growth = CAMERAS[name]
     frames = np.zeros((len(table), eye.size[1], eye.size[0]))
     middles = eye.pixels(centres)
     reach = 0.5 * DIAMETER * eye.focal / 480.0 + 3
@@ -181,7 +214,7 @@ def picture(eye, sigma, growth, light, table, centres, rng, noise):
         share, column = np.zeros(len(rays)), np.zeros(len(rays))
         points = eye.centre + rays[hit] * length[hit, None]
         normals = (points - centres[which[hit]]) / (0.5 * DIAMETER)
-        share[hit] = lit(points, normals, light.centre, centres, 0.5 * DIAMETER)
+        share[hit] = lit(points, normals, light.centre, centres, 0.5 * DIAMETER) * optics.albedo(points - centres[which[hit]], which[hit])
         column[hit] = light.pixels(points)[:, 0]
         px, py = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
         pixels = np.stack([px.ravel(), py.ravel()], -1)
@@ -192,7 +225,7 @@ def picture(eye, sigma, growth, light, table, centres, rng, noise):
         # Spheres whose windows overlap are drawn in full in each: the brighter counts.
         old = frames[:, pixels[:, 1], pixels[:, 0]]
         frames[:, pixels[:, 1], pixels[:, 0]] = np.maximum(old, out)
-    frames = 3.0 + WHITE_DN * frames
+    frames = 3.0 + WHITE_DN * frames * optics.gains(name)
     if noise:
         frames += rng.normal(size=frames.shape) * np.sqrt(READ_DN**2 - 1 / 12 + GAIN_DN * frames)
     return np.clip(np.round(frames), 0, 255).astype(np.uint8)
@@ -212,12 +245,12 @@ def rig(eyes, light, estimate, one_value):
     return text
 
 
-def recording(folder, eyes, light, sequence, table, centres, rng, noise):
+def recording(folder, eyes, light, sequence, table, centres, rng, noise, optics):
     os.makedirs(folder, exist_ok=True)
-    for name, (_, _, _, sigma, growth) in CAMERAS.items():
+    for name in CAMERAS:
         place = f"{folder}/frames/proj1/{name}"
         os.makedirs(place, exist_ok=True)
-        for number, frame in enumerate(picture(eyes[name], sigma, growth, light, table, centres, rng, noise)):
+        for number, frame in enumerate(picture(name, eyes[name], light, table, centres, rng, noise, optics)):
             Image.fromarray(frame).save(f"{place}/{number:03}.png", compress_level=1)
     names = ", ".join(f'"{name}"' for name in CAMERAS)
     with open(f"{folder}/recording.toml", "w") as file:
@@ -262,7 +295,12 @@ def main():
     parser.add_argument("--incidence", type=float, default=70.0, help="max_incidence_deg of the reconstruction")
     parser.add_argument("--period", type=float, default=16.0, help="columns of a fringe")
     parser.add_argument("--steps", type=int, default=10)
+    parser.add_argument("--texture", type=float, default=0.0, help="standard deviation of the reflectance, about")
+    parser.add_argument("--grain", type=float, default=0.3, help="grain of the texture, mm (a pixel sees 0.21); a second one is four times as coarse")
+    parser.add_argument("--vignetting", type=float, default=0.0, help="share of the light that the corners lose")
+    parser.add_argument("--unequal", type=float, default=0.0, help="standard deviation of the pixels' gain")
     args = parser.parse_args()
+    optics = Optics(args.texture, args.grain, args.vignetting, args.unequal)
     sequence = Sequence(args.period, args.steps)
     os.makedirs(args.folder, exist_ok=True)
     eyes = {name: Eye(a, e, SIZE, FOCAL, k1) for name, (a, e, k1, _, _) in CAMERAS.items()}
@@ -282,7 +320,7 @@ def main():
         centres = CENTRES @ turn.T + shift
         folder = f"{args.folder}/p{number}"
         if not (args.keep and os.path.exists(f"{folder}/recording.toml")):
-            recording(folder, eyes, light, sequence, table, centres, rng, not args.no_noise)
+            recording(folder, eyes, light, sequence, table, centres, rng, not args.no_noise, optics)
         plan(f"{folder}.plan.toml", centres)
         for cloud, pair in clouds.items():
             ply, out = f"{folder}-{cloud}.ply", f"{folder}-{cloud}.json"

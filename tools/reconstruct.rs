@@ -341,6 +341,19 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
             println!("{}: lit pixels without a point: {}", cloud.pair.name, left_out.join(", "));
         }
     }
+    for cloud in &done.pairs {
+        let (points, valid) = match &cloud.report {
+            Matched::Phase(r) => (r.points, r.valid),
+            Matched::Projector(r) => (r.points, r.valid),
+        };
+        if u64::from(points) * 2 < u64::from(valid) {
+            println!(
+                "warning: pair \"{}\": {points} of {valid} valid pixels became points, fewer than half; where the part does not hide so much of itself, recording \
+                 and rig do not belong together: does each folder hold the frames of the camera that the rig file means?",
+                cloud.pair.name
+            );
+        }
+    }
     for o in &fusion.overlaps {
         println!("overlap {} – {}: {o}", done.pairs[o.a].pair.name, done.pairs[o.b].pair.name);
     }
