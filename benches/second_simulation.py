@@ -2,6 +2,7 @@
 """Diameters of small spheres in pictures that another program draws: error, scatter and error over stated uncertainty.
 
     second_simulation.py FRINGETOOL FOLDER [--placements N] [--first N] [--no-noise] [--estimate] [--incidence DEG] [--period PX] [--steps N]
+        [--texture SHARE] [--grain MM] [--vignetting SHARE] [--unequal SHARE]
 
 Nothing of the program is used but its file formats. Rays are cast through pinholes with one radial coefficient; light is gathered at 4 x 4 places of each
 pixel and spread by a Gaussian that differs from camera to camera (0.35 to 0.70 px) and grows towards the corners; the projector's levels have

@@ -15,7 +15,7 @@ pub fn plan(lower: f64, upper: f64) -> String {
     let text = std::fs::read_to_string(root().join("configs/complex-artefact.plan.toml")).unwrap();
     let line = |line: &str| match line.split(" = ").next() {
         Some(key @ ("tolerance_mm" | "tolerance_deg")) => format!("{key} = [{lower:?}, {upper:?}]"),
-        Some("min_points") => "min_points = 20".to_owned(),
+        Some("min_points") => "min_points = 15".to_owned(),
         Some("max_reject_fraction") => "max_reject_fraction = 0.2".to_owned(),
         _ => line.to_owned(),
     };

@@ -158,6 +158,29 @@ fn the_same_recording_gives_the_same_bytes_on_any_number_of_threads() {
     assert!(clouds.iter().all(|cloud| *cloud == clouds[0]), "the clouds differ");
 }
 
+/// What goes wrong when folders are copied by hand: a frame twice, and the cameras exchanged.
+#[test]
+fn a_frame_that_is_a_copy_is_refused_and_exchanged_cameras_are_warned_of() {
+    let small = crate::support::Small::new();
+    let frame = |number: u32| small.path(&format!("rec/frames/proj1/cam1/{number:03}.png"));
+    let kept = std::fs::read(frame(5)).unwrap();
+    std::fs::copy(frame(4), frame(5)).unwrap();
+    let refused = small.reconstruct(&[]);
+    assert_eq!(refused.code, Some(2), "{}", refused.stdout);
+    assert!(refused.stderr.contains("steps 5 and 6 are the same, bit by bit"), "{}", refused.stderr);
+    std::fs::write(frame(5), kept).unwrap();
+    assert!(!small.reconstruct(&[]).stdout.contains("fewer than half"));
+    for (from, to) in [("cam1", "kept"), ("cam2", "cam1"), ("kept", "cam2")] {
+        let [from, to] = [from, to].map(|name| small.path(&format!("rec/frames/proj1/{name}")));
+        std::fs::rename(from, to).unwrap();
+    }
+    let told = small.reconstruct(&["--force"]);
+    // Either nothing matches at all, or much less than should.
+    let said = [&told.stdout, &told.stderr]
+        .map(|text| text.contains("fewer than half") || text.contains("no point at all"));
+    assert!(said.contains(&true), "{}{}", told.stdout, told.stderr);
+}
+
 #[test]
 fn truth_lies_apart_from_the_recording() {
     let small = crate::support::Small::new();

@@ -127,3 +127,19 @@ fn an_index_is_proven_or_the_exit_code_is_one() {
     let twice = fringetool(&["spc", &path("few.csv"), &path("few.csv")]);
     assert!(twice.stderr.contains("is given twice"), "{}", twice.stderr);
 }
+
+#[test]
+fn limits_the_wrong_way_round_are_refused() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let path = folder.path().join("values.csv").display().to_string();
+    for (lower, upper) in [("2", "0"), ("1", "1")] {
+        fs::write(&path, format!("value,lower,upper\n1.1,0,2\n0.9,{lower},{upper}\n1.0,0,2\n")).unwrap();
+        let refused = fringetool(&["spc", &path]);
+        assert_eq!(refused.code, Some(2), "{}", refused.stdout);
+        assert!(
+            refused.stderr.contains("lower") && refused.stderr.contains("below \"upper\""),
+            "{}",
+            refused.stderr
+        );
+    }
+}

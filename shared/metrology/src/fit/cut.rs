@@ -38,11 +38,14 @@ pub(super) fn left_of_normal_matrix<M: Model<P>, const P: usize>(
     if rejected <= 0.0 && within_mm.is_none() {
         return Ok(1.0);
     }
-    let sizes: Vec<f64> = deviations(model, points).into_iter().map(f64::abs).collect();
+    let mut sizes = deviations(model, points);
+    for size in &mut sizes {
+        *size = size.abs();
+    }
     let mut left: f64 = 1.0;
     if rejected > 0.0 {
         let limit = sizes.iter().copied().fold(0.0, f64::max);
-        // Never less than of Gaussian noise: few points count badly, and what was rejected beside it only makes the cut milder.
+        // Never less than of Gaussian noise: few points count badly, and outliers among the rejected only make the cut milder.
         left = left_below(&sizes, limit, rows_a_point).max(left_of_gaussian(rejected, rows_a_point));
     }
     if let Some(margin) = within_mm {
