@@ -9,12 +9,13 @@ use fringe::math::random::Key;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Spread {
     stretch: usize,
+    key: Key,
 }
 
 impl Spread {
     /// At most `most` of `count` indices; all of them where they are no more.
     pub fn of(count: usize, most: usize) -> Self {
-        Self { stretch: count.div_ceil(most.max(1)).max(1) }
+        Self { stretch: count.div_ceil(most.max(1)).max(1), key: Key::new(0) }
     }
 
     /// Of so many indices one is chosen.
@@ -36,7 +37,7 @@ impl Spread {
 
     /// The chosen one of a stretch.
     fn place(self, number: usize) -> usize {
-        number * self.stretch + (Key::new(0).bits(number as u64) % self.stretch as u64) as usize
+        number * self.stretch + (self.key.bits(number as u64) % self.stretch as u64) as usize
     }
 }
 

@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 /// The density at the cut is counted over the last part of this width below it …
 const WIDTHS: [f64; 3] = [0.1, 0.2, 0.3];
 /// … the first that holds so many points.
-const COUNTED: usize = 100;
+const COUNTED: usize = 40;
 
 /// Mean square of the residuals over the square of the margin: two standard deviations of Gaussian noise. A narrower margin cuts off so much
 /// of the noise that the rest does not tell how much.
