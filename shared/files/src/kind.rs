@@ -267,7 +267,7 @@ mod tests {
             (b"ply\nelement vertex 3\nelement face 1\nend_header\n", Kind::Mesh),
             (b"{\"format\": \"fringecell-covariance/1\"}", json("fringecell-covariance")),
             (b"{\"traceEvents\": [", json("traceEvents")),
-            (b"{\"name\": \"x\", \"version\": \"1\"}", json("name, version")),
+            (b"{\"name\": \"x\", \"version\": \"1\"}", json("an object with \"name, version\"")),
             (b"{\"a\": 1, \"provenance\": {\"software\": \"fringetool\"}}", json("result of fringetool")),
             (b"# rig\nformat = \"fringecell-rig/1\"\n", toml("fringecell-rig")),
             (b"[package]\nname = \"x\"\n", toml("a file with \"[package]\"")),
