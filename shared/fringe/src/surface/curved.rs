@@ -11,7 +11,7 @@
 //! ```
 //!
 //! (a paraboloid about the normal and the fourth order of the ball on it; the slope and the curvatures are taken to have the same directions). Of
-//! balls of 24 to 48 pixels, up to 65°, less than a thirtieth of what was missed is left. Noise makes cubes of curvatures too large: the mean of α³ is
+//! balls of 33 and 48 pixels, up to 65°, and of 24, up to 60°, a twenty-fifth of what was missed is left at most. Noise makes cubes of curvatures too large: the mean of α³ is
 //! that of the surface and 3 α times the variance, which is taken off, and alike of the other products.
 
 /// What the window takes off of the biharmonic and of f_uuvv, by its half width: −m₄₀/24 and (2 m₄₀ − 6 m₂₂)/24.
