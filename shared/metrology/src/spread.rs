@@ -8,14 +8,20 @@ use fringe::math::random::Key;
 /// A choice of indices: one of each stretch of them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Spread {
+    count: usize,
     stretch: usize,
     key: Key,
+}
+
+/// At most `most` of many values, in order.
+pub(crate) fn some_of<T: Copy>(values: &[T], most: usize) -> Vec<T> {
+    Spread::of(values.len(), most).indices().map(|index| values[index]).collect()
 }
 
 impl Spread {
     /// At most `most` of `count` indices; all of them where they are no more.
     pub fn of(count: usize, most: usize) -> Self {
-        Self { stretch: count.div_ceil(most.max(1)).max(1), key: Key::new(0) }
+        Self { count, stretch: count.div_ceil(most.max(1)).max(1), key: Key::new(0) }
     }
 
     /// Of so many indices one is chosen.
@@ -28,11 +34,11 @@ impl Spread {
         self.place(index / self.stretch) == index
     }
 
-    /// The chosen ones below `count`, in order.
-    pub fn among(self, count: usize) -> impl Iterator<Item = usize> {
-        (0..count.div_ceil(self.stretch))
+    /// The chosen ones, in order.
+    pub fn indices(self) -> impl Iterator<Item = usize> {
+        (0..self.count.div_ceil(self.stretch))
             .map(move |number| self.place(number))
-            .filter(move |index| *index < count)
+            .filter(move |index| *index < self.count)
     }
 
     /// The chosen one of a stretch.
@@ -49,7 +55,7 @@ mod tests {
     fn one_of_each_stretch_is_chosen_and_not_always_the_same() {
         for (count, most) in [(0, 5), (5, 5), (5, 9), (1000, 100), (1001, 100), (30_000, 1500)] {
             let spread = Spread::of(count, most);
-            let chosen: Vec<usize> = spread.among(count).collect();
+            let chosen: Vec<usize> = spread.indices().collect();
             assert!(
                 chosen.len() <= most && (chosen.len() + 1) * spread.stretch() >= count,
                 "{count}, {most}"
@@ -61,7 +67,7 @@ mod tests {
         }
         // Of a grid of 1500 rows and 20 columns, of which 20 go to a stretch, points of all columns.
         let columns: std::collections::BTreeSet<usize> =
-            Spread::of(30_000, 1500).among(30_000).map(|i| i % 20).collect();
+            Spread::of(30_000, 1500).indices().map(|i| i % 20).collect();
         assert_eq!(columns.len(), 20);
     }
 }

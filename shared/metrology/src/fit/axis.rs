@@ -6,7 +6,7 @@ use super::adjust::{Model, Until, adjust};
 use super::centred::Principal;
 use super::normal::tangents;
 use super::sphere::polar;
-use crate::spread::Spread;
+use crate::spread::some_of;
 use fringe::math;
 
 /// Directions tried over the half sphere besides the principal axes: some 16° apart, inside the basin of a cylinder.
@@ -82,7 +82,7 @@ pub(super) fn u_point_mm<const P: usize>(
 
 /// At most [`SEARCH_POINTS`] points, evenly from the whole.
 pub(super) fn thinned(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    Spread::of(points.len(), SEARCH_POINTS).among(points.len()).map(|i| points[i]).collect()
+    some_of(points, SEARCH_POINTS)
 }
 
 /// Principal axes, then a Fibonacci lattice over the half sphere.

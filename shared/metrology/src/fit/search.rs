@@ -90,7 +90,7 @@ fn find(
         return Err(FitError::TooFewPoints { element, points: points.len(), needs: 5 });
     }
     let spread = Spread::of(points.len(), VOTERS);
-    let voters: Vec<Vector3<f64>> = spread.among(points.len()).map(|i| points[i].coords).collect();
+    let voters: Vec<Vector3<f64>> = spread.indices().map(|i| points[i].coords).collect();
     let key = Key::new(0);
     let mut best: Option<(usize, Rough)> = None;
     for sample in 0..SAMPLES {

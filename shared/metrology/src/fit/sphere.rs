@@ -1,6 +1,6 @@
 //! The sphere, of free or given diameter.
 
-use crate::spread::Spread;
+use crate::spread::some_of;
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
@@ -231,8 +231,7 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
 /// Algebraic start: of many points by some of them, where these determine a sphere.
 fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     if points.len() > START_POINTS {
-        let spread = Spread::of(points.len(), START_POINTS);
-        let mut some: Vec<Vector3<f64>> = spread.among(points.len()).map(|i| points[i]).collect();
+        let mut some = some_of(points, START_POINTS);
         let middle = mean(&some, |p| *p);
         for point in &mut some {
             *point -= middle;

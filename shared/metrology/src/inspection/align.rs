@@ -182,7 +182,7 @@ fn search(
 ) -> Result<Pose, MeasureError> {
     let spread = Spread::of(cloud.len(), COARSE_POINTS);
     // Each round looks at them: side by side they are read once from a cloud that no cache holds.
-    let chosen: Vec<usize> = spread.among(cloud.len()).collect();
+    let chosen: Vec<usize> = spread.indices().collect();
     let thinned: Vec<Point> = chosen.into_par_iter().map(|index| cloud[index]).collect();
     let indices = element_indices(datums);
     let narrowest = indices.iter().map(|i| plan.elements[*i].margin_mm).fold(f64::INFINITY, f64::min);

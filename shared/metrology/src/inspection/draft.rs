@@ -125,7 +125,7 @@ fn best(
 ) -> Option<Rough> {
     let spread = Spread::of(rest.len(), VOTERS);
     let voters: Vec<(Vector3<f64>, Vector3<f64>)> =
-        spread.among(rest.len()).map(|i| oriented[rest[i] as usize]).collect();
+        spread.indices().map(|i| oriented[rest[i] as usize]).collect();
     let cosine = math::cos(settings.normal_rad);
     let least = (settings.min_points / spread.stretch()).max(8);
     let mut best: Option<(f64, Rough)> = None;

@@ -240,7 +240,7 @@ pub(super) fn thinned(
     };
     let spread = Spread::of(nearby.len(), most);
     let mut thin = Vec::with_capacity(nearby.len().div_ceil(spread.stretch()));
-    thin.extend(spread.among(nearby.len()).filter_map(held));
+    thin.extend(spread.indices().filter_map(held));
     // Counted only as far as it must be.
     let enough = || (0..nearby.len()).filter_map(held).take(needs).count() == needs;
     if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {

@@ -1,6 +1,6 @@
 //! Places of a surface with their normals, spread evenly: what the search for a start works on.
 
-use crate::spread::Spread;
+use crate::spread::some_of;
 use nalgebra::{Point3, Vector3};
 
 use crate::reference::{CloudError, CloudReference, Reference};
@@ -86,7 +86,7 @@ impl Samples {
 
     /// `most` at most, from all over.
     pub fn few(&self, most: usize) -> Vec<Sample> {
-        Spread::of(self.list.len(), most).among(self.list.len()).map(|index| self.list[index]).collect()
+        some_of(&self.list, most)
     }
 
     /// Diagonal of the box around all, mm.
