@@ -70,7 +70,7 @@ use crate::math::simd::best_level;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::sensor::Footprint;
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, rim_is_hidden};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, axis_of, rim_is_hidden};
 use ends::Ends;
 use epipolar_rows::StepLimits;
 use fearless_simd::Level;
@@ -255,6 +255,7 @@ impl Matcher {
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
+            axes: [&self.pair.left, &self.pair.right].map(|c| axis_of(&c.camera, &c.camera_from_rectified)),
             independence,
             max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };

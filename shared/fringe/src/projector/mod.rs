@@ -24,8 +24,8 @@ use crate::phase::PhaseView;
 use crate::rectify::{Directions, RectifiedCamera};
 use crate::sensor::Footprint;
 use crate::surface::{
-    Cause, Independence, OWN, Sample, SurfaceBuilder, View, WINDOWS, independence, mark_limbs, mark_missing,
-    reach_px,
+    Cause, Independence, OWN, Sample, SurfaceBuilder, View, WINDOWS, axis_of, independence, mark_limbs,
+    mark_missing, reach_px,
 };
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
@@ -152,6 +152,10 @@ impl ProjectorMatcher {
                 .into_inner(),
             origin_mm: self.camera.centre_mm(),
             other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
+            axes: [&self.camera, &self.projector].map(|view| {
+                let of_camera = self.camera.camera_from_world.rotation.inverse();
+                axis_of(view, (view.camera_from_world.rotation * of_camera).to_rotation_matrix().matrix())
+            }),
             independence,
             max_sigma: f64::INFINITY,
         };

@@ -19,6 +19,7 @@ mod quick;
 mod raster;
 mod rim;
 mod scatter;
+mod shares;
 mod smooth;
 mod support;
 mod windows;
@@ -27,7 +28,7 @@ pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{Independence, WINDOWS, independence};
 pub(crate) use limb::{OTHER, OWN, RIM, mark_limbs, reach_px};
-pub(crate) use point::{Sample, View, rim_is_hidden};
+pub(crate) use point::{Sample, View, axis_of, rim_is_hidden};
 pub(crate) use raster::Samples;
 pub(crate) use rim::{mark_missing, mark_rims};
 pub(crate) use windows::{LANES, taken};
@@ -77,9 +78,10 @@ impl Default for SurfaceSettings {
 }
 
 impl SurfaceSettings {
-    /// Variance that smoothing leaves of the points' noise, of which the share `own` is independent from point to point.
+    /// Variance that smoothing leaves of the points' noise, of which the share `own` is independent from point to point, where both views see
+    /// the surface at the same scale.
     pub fn noise_share(&self, own: f64) -> f64 {
-        smooth::share_left(self.smoothing_px as usize / 2, own)
+        shares::share_left(self.smoothing_px as usize / 2, own, 1.0)
     }
 
     /// Least cosine of the incidence at which points are kept whose depth noise is so many pixels on the surface.
@@ -106,7 +108,7 @@ impl SurfaceSettings {
         if self.edge_px > 8 {
             return Some(("surface.edge_px", f64::from(self.edge_px), "0 … 8"));
         }
-        if self.smoothing_px.is_multiple_of(2) || self.smoothing_half() > smooth::MAX_HALF {
+        if self.smoothing_px.is_multiple_of(2) || self.smoothing_half() > shares::MAX_HALF {
             return Some(("surface.smoothing_px", f64::from(self.smoothing_px), "1, 3, 5 or 7"));
         }
         None

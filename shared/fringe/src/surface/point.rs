@@ -3,6 +3,7 @@
 use super::cause::Cause;
 use super::independence::Independence;
 use crate::cloud::Point;
+use crate::geometry::camera::Camera;
 use crate::rectify::Directions;
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -53,10 +54,23 @@ pub(crate) struct View<'a> {
     pub origin_mm: Point3<f64>,
     /// Optical centre of the other view, mm, seen from this one.
     pub other_mm: Vector3<f64>,
+    /// Optical axes of this and the other view, seen from this one, each of the length that [`axis_of`] gives it.
+    pub axes: [Vector3<f64>; 2],
     /// How far the noise differs from pixel to pixel, so that smoothing takes it out.
     pub independence: Independence,
     /// Largest standard uncertainty of the inverse depth after smoothing, 1/mm.
     pub max_sigma: f64,
+}
+
+/// The optical axis of a camera by its rotation from the view's lines of sight (x, y, 1), of a length such that cubes of its products with them are as the
+/// areas that the camera's pixels fill in the plane of x and y.
+pub(crate) fn axis_of(camera: &Camera, camera_from_sight: &Matrix3<f64>) -> Vector3<f64> {
+    axis_of_pitch(camera_from_sight.row(2).transpose(), 2.0 / (camera.focal_px[0] + camera.focal_px[1]))
+}
+
+/// The same by a unit vector along the axis and the length of a pixel.
+pub(super) fn axis_of_pitch(unit: Vector3<f64>, pitch: f64) -> Vector3<f64> {
+    unit * crate::math::cbrt(pitch * pitch)
 }
 
 /// Error of a point seen at an angle of incidence θ: this share of the pixel's length on the surface, over cos³ θ. On a ball of 22 mm at 0.21 mm
@@ -105,6 +119,7 @@ impl<'a> View<'a> {
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
+            axes: [axis_of_pitch(Vector3::z(), pitch); 2],
             max_sigma: f64::INFINITY,
             independence: Independence::WHOLE,
         }
@@ -124,6 +139,33 @@ impl View<'_> {
     pub(super) fn rim_px(&self, sample: &Sample, edge_px: usize) -> usize {
         let hidden = rim_is_hidden(self.noise_px(sample), RIM_NOISE_PX, self.independence.interpolated);
         if hidden { edge_px.min(1) } else { edge_px }
+    }
+
+    /// How many pixels of the other view the piece of the surface fills that a pixel sees, of a smooth inverse depth with these derivatives by
+    /// columns and rows; all eight neighbours lie in the image.
+    #[inline]
+    pub(super) fn filled(&self, pixel: usize, inverse_depth: f64, [by_column, by_row]: [f64; 2]) -> f64 {
+        let at = |pixel: usize| self.directions.at(pixel);
+        let half = |one: [f64; 2], other: [f64; 2]| [(one[0] - other[0]) * 0.5, (one[1] - other[1]) * 0.5];
+        let [xu, yu] = half(at(pixel + 1), at(pixel - 1));
+        let [xv, yv] = half(at(pixel + self.width), at(pixel - self.width));
+        let inverse = 1.0 / (xu * yv - xv * yu);
+        let gradient = [(yv * by_column - yu * by_row) * inverse, (xu * by_row - xv * by_column) * inverse];
+        self.filled_at(at(pixel), inverse_depth, gradient)
+    }
+
+    /// The same by the line of sight (x, y, 1) and the inverse depth's derivatives by x and y.
+    ///
+    /// The plane n · X = 1 of a surface has n = (q_x, q_y, q − x q_x − y q_y), and 1 − n · t is how much larger the other view, at t, sees it than this one
+    /// would there, on planes that are parallel; the cube of the axes' products turns these planes into both pictures.
+    #[inline(always)]
+    pub(super) fn filled_at(&self, [x, y]: [f64; 2], q: f64, [gx, gy]: [f64; 2]) -> f64 {
+        let (t, [own, other]) = (&self.other_mm, &self.axes);
+        let facing = 1.0 - (gx * t.x + gy * t.y + (q - x * gx - y * gy) * t.z);
+        let own = own.x * x + own.y * y + own.z;
+        let other = other.x * (x - t.x * q) + other.y * (y - t.y * q) + other.z * (1.0 - t.z * q);
+        let ratio = own / other;
+        facing * (ratio * ratio * ratio)
     }
 
     /// How far the normal lies beyond the limit of incidence of either view, rad; 0 or less within both. The limit is where the
@@ -208,5 +250,38 @@ mod tests {
         {
             assert_eq!(rim_is_hidden(noise, 1.0, interpolated), hidden, "noise {noise}, {interpolated}");
         }
+    }
+
+    /// The corners of a pixel on a plane, seen by the other view: the area of what it fills there.
+    #[test]
+    fn a_pixel_fills_as_many_of_the_other_view_as_its_corners_enclose() {
+        let pitch = [4e-4, 7e-4];
+        let directions = {
+            let at = |i: usize| [(i % 3) as f64 * pitch[0] + 0.1, (i / 3) as f64 * pitch[0] - 0.2];
+            Directions::kept(3, (0..9).map(at).collect())
+        };
+        let (other_mm, turn) =
+            (Vector3::new(150.0, -20.0, 30.0), nalgebra::Rotation3::new(Vector3::new(0.1, -0.35, 0.2)));
+        let plane = Vector3::new(4e-4, -8e-4, 2e-3);
+        let view = View {
+            other_mm,
+            axes: [
+                axis_of_pitch(Vector3::z(), pitch[0]),
+                axis_of_pitch(turn.matrix().row(2).transpose(), pitch[1]),
+            ],
+            ..View::along_the_axes([3, 3], &directions, pitch[0])
+        };
+        let seen = |x: f64, y: f64| {
+            let sight = Vector3::new(x, y, 1.0);
+            let from_other = turn * (sight / plane.dot(&sight) - other_mm);
+            [from_other.x / from_other.z / pitch[1], from_other.y / from_other.z / pitch[1]]
+        };
+        let ([x, y], h) = (directions.at(4), 0.5 * pitch[0]);
+        let [a, b, c, d] = [(-h, -h), (h, -h), (h, h), (-h, h)].map(|(u, v)| seen(x + u, y + v));
+        let cross = |p: [f64; 2], q: [f64; 2]| 0.5 * (p[0] * q[1] - p[1] * q[0]);
+        let area = cross(a, b) + cross(b, c) + cross(c, d) + cross(d, a);
+        let q = plane.dot(&Vector3::new(x, y, 1.0));
+        let filled = view.filled(4, q, [plane.x * pitch[0], plane.y * pitch[0]]);
+        assert!((filled / area - 1.0).abs() < 1e-3, "{filled} of {area}");
     }
 }

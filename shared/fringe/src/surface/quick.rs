@@ -8,7 +8,7 @@ use super::limb::FRONTAL_COSINE2;
 use super::normals::MAX_SLOPE_NOISE;
 use super::point::{STEEP_ERROR, STEEP_SHARE, Sample, View};
 use super::raster::Raster;
-use super::smooth::{share_left, shared};
+use super::shares::{share_left, shared};
 use super::windows::{Block, Columns, HALF, LANES, Lanes, fits, taken};
 use nalgebra::Vector3;
 
@@ -61,13 +61,10 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
     let sigmas = taken::<_, LANES>(&samples.sigmas, at);
     let own_shares = taken::<_, LANES>(&samples.own_shares, at);
     let mut sigma = [0.0; LANES];
-    let (mut own, mut left) = ([0.0; LANES], [0.0; LANES]);
+    let mut own = [0.0; LANES];
     for l in 0..LANES {
         sigma[l] = f64::from(sigmas[l]);
         own[l] = f64::from(own_shares[l]);
-    }
-    for l in 0..LANES {
-        left[l] = shared(share_left(HALF, own[l]), view.independence.share);
     }
     let columns = block.columns(view, depths, at);
     let fits = fits(columns, |k, l| k + l, [&sigma, &own], (shared_by.max_step, view.pitch));
@@ -100,7 +97,9 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
         let (nx, ny, nz) = (nx * unit, ny * unit, nz * unit);
 
         let q = fits.smooth[l];
-        let single = (sigma[l] * left[l].sqrt()) as f32;
+        let filled = view.filled_at([x, y], q, [gx, gy]);
+        let left = shared(share_left(HALF, own[l], filled), view.independence.share);
+        let single = (sigma[l] * left.sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
         let whole = columns[0][l + HALF];
         let seen = Seen::new(view, [nx, ny, nz], [x, y, q]);
@@ -188,7 +187,7 @@ pub(super) fn smoothed(
     max_step: f64,
 ) -> (Lanes, [f32; LANES]) {
     let mut windows = [[0.0; 5 * LANES]; 5];
-    let (mut sigma, mut left, mut single) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    let (mut sigma, mut of_own, mut single) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         let first = places[l] - HALF * view.width - HALF;
         for (r, row) in windows.iter_mut().enumerate() {
@@ -197,15 +196,21 @@ pub(super) fn smoothed(
             }
         }
         sigma[l] = f64::from(samples.sigmas[places[l]]);
-        left[l] = f64::from(samples.own_shares[places[l]]);
+        of_own[l] = f64::from(samples.own_shares[places[l]]);
     }
     let mut columns = Columns::<{ 5 * LANES }>::NONE;
     let [above, over, own, under, below] = &windows;
     columns.fill([above, over, own, under, below]);
-    let fits =
-        fits(columns.part::<{ 5 * LANES }>(0), |k, l| k * LANES + l, [&sigma, &left], (max_step, view.pitch));
+    let fits = fits(
+        columns.part::<{ 5 * LANES }>(0),
+        |k, l| k * LANES + l,
+        [&sigma, &of_own],
+        (max_step, view.pitch),
+    );
     for l in 0..LANES {
-        single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independence.share).sqrt()) as f32;
+        let filled = view.filled(places[l], fits.smooth[l], [fits.by_column[l], fits.by_row[l]]);
+        let left = shared(share_left(HALF, of_own[l], filled), view.independence.share);
+        single[l] = (sigma[l] * left.sqrt()) as f32;
     }
     (fits.smooth, single)
 }
@@ -215,6 +220,7 @@ mod tests {
     use super::super::build::Selector;
     use super::super::independence::Independence;
     use super::super::normals::Link;
+    use super::super::point::axis_of_pitch;
     use super::super::{Cause, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
@@ -255,6 +261,7 @@ mod tests {
             world_from_sight: Matrix3::new(cosine, 0.0, sine, 0.0, 1.0, 0.0, -sine, 0.0, cosine),
             origin_mm: Point3::new(3.0, -20.0, 7.0),
             other_mm: Vector3::new(150.0, 0.0, 0.0),
+            axes: [[0.1, 0.0, 1.0], [-0.2, 0.05, 0.9]].map(|axis| axis_of_pitch(Vector3::from(axis), PITCH)),
             independence: Independence { share: 0.9, interpolated: false },
             max_sigma: 1e-7,
         };

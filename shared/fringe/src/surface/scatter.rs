@@ -21,8 +21,10 @@ const QUANTILE: f64 = 1.0 / 3.0;
 const NORMAL_QUANTILE: f64 = 0.430_727;
 /// Relative standard deviation of the estimate from one window; from n windows it is this over √n.
 const ONE_WINDOW: f64 = 1.5;
-/// What the estimate may exceed by chance and by shape, in its standard deviations: only what is beyond counts.
+/// What the estimate may exceed by chance and by shape, in its standard deviations, and is none.
 const CHANCE: f64 = 2.0;
+/// Windows that overlap tell the same: one at every pixel tells as much as one for so many squared sides of the noise that they share.
+const OVERLAP: f64 = 0.8;
 /// A second distance separates shape from noise: so many pixels more.
 const FARTHER_PX: usize = 2;
 /// Scatter that grows more between both distances is shape, and gives no information of the noise.
@@ -31,7 +33,7 @@ const SHAPE: f64 = 1.25;
 const SHARED_PX: usize = 10;
 
 impl SurfaceBuilder {
-    /// Factor on the stated uncertainty of smoothed samples: the least that their scatter shows, and 1 or more, since an uncertainty may hold what
+    /// Factor on the stated uncertainty of smoothed samples: what their scatter shows beyond chance, and 1 or more, since an uncertainty may hold what
     /// does not scatter; of so many samples there are any.
     pub(super) fn excess(&mut self, view: &View, link: Link, count: usize) -> f64 {
         let half = self.settings.smoothing_half();
@@ -54,11 +56,14 @@ impl SurfaceBuilder {
                 .then(|| (*ratios.select_nth_unstable_by(at, f64::total_cmp).1 / NORMAL_QUANTILE, count))
         };
         let Some((near, _)) = scatter(lag) else { return 1.0 };
+        // So many of all samples are asked, and the noise of a sample reaches so far.
+        let side = if alone { 2 * half + 1 } else { SHARED_PX };
+        let overlap = 1.0 + OVERLAP * (side * side) as f64 * asked.len() as f64 / count as f64;
         // The other distance only lowers what is found here.
-        if near * surely(asked.len()) <= 1.0 {
+        if beyond_chance(near, asked.len() as f64 / overlap) <= 1.0 {
             return 1.0;
         }
-        let Some((far, count)) = scatter(lag + FARTHER_PX).filter(|(far, _)| *far <= SHAPE * near) else {
+        let Some((far, windows)) = scatter(lag + FARTHER_PX).filter(|(far, _)| *far <= SHAPE * near) else {
             return 1.0;
         };
         // What the kernel leaves of a smooth shape grows with the fourth power of the distance, noise does not.
@@ -66,13 +71,15 @@ impl SurfaceBuilder {
         let power8 = growth.powi(8);
         let shape = (far * far - near * near).max(0.0) / (power8 - 1.0);
         let ratio = (near * near - shape).max(0.0).sqrt();
-        (ratio * surely(count)).max(1.0)
+        beyond_chance(ratio, windows as f64 / overlap)
     }
 }
 
-/// The part of an excess that so many windows surely show.
-fn surely(windows: usize) -> f64 {
-    1.0 - CHANCE * ONE_WINDOW / (windows as f64).sqrt()
+/// What a ratio of scatter over what is stated, from so many independent windows, shows beyond chance: 1 where chance explains it, nearly all of it where it
+/// is far beyond (the non-negative garrote of Breiman 1995).
+fn beyond_chance(ratio: f64, windows: f64) -> f64 {
+    let (excess, chance) = (ratio - 1.0, CHANCE * ONE_WINDOW / windows.sqrt() * ratio);
+    if excess > chance { 1.0 + excess - chance * chance / excess } else { 1.0 }
 }
 
 /// Pixels that are passed over together.
@@ -190,12 +197,16 @@ mod tests {
     const SIDE: usize = 160;
     const SIGMA: f64 = 1e-6;
 
-    /// Excess of noise of single pixels with patches of `side` px, of so many stated sigmas, below it.
-    fn excess(patches: f64, side: usize) -> f64 {
+    /// Excess of noise of single pixels with patches of `side` px, of so many stated sigmas, below it, on a disc.
+    fn excess((patches, side): (f64, usize), radius: f64, seed: u64) -> f64 {
         let draw = |seed, i: usize| normal_quantile(Key::new(seed).open(i as u64));
         let sample = |i: usize| {
+            let from_middle = [i % SIDE, i / SIDE].map(|at| (at as f64 - 0.5 * SIDE as f64).powi(2));
+            if from_middle[0] + from_middle[1] > radius * radius {
+                return Sample::NONE;
+            }
             let patch = i / SIDE / side * SIDE + i % SIDE / side;
-            let noise = draw(3, i) + patches * draw(4, patch);
+            let noise = draw(2 * seed, i) + patches * draw(2 * seed + 1, patch);
             Sample {
                 inverse_depth: 2e-3 + SIGMA * noise,
                 sigma: SIGMA as f32,
@@ -208,7 +219,8 @@ mod tests {
         let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.load(&samples);
-        builder.excess(&view, Link { max_step: 0.01 }, samples.len())
+        let count = samples.iter().filter(|sample| sample.inverse_depth.is_finite()).count();
+        builder.excess(&view, Link { max_step: 0.01 }, count)
     }
 
     #[test]
@@ -224,9 +236,17 @@ mod tests {
     /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches.
     #[test]
     fn patches_of_noise_are_found_and_noise_of_pixels_is_no_excess() {
-        let none = excess(0.0, 1);
+        let none = excess((0.0, 1), f64::INFINITY, 2);
         assert!((1.0..1.02).contains(&none), "{none}");
-        let found = excess(0.4, 5);
+        let found = excess((0.4, 5), f64::INFINITY, 2);
         assert!((1.2..1.6).contains(&found), "{found}");
+    }
+
+    /// Windows of a small disc overlap: what chance makes of them passes for no excess, patches of noise still show.
+    #[test]
+    fn chance_is_no_excess_of_a_small_part() {
+        let mean = |patches| (1..=40).map(|seed| excess(patches, 35.0, seed)).sum::<f64>() / 40.0;
+        let (none, found) = (mean((0.0, 1)), mean((0.8, 5)));
+        assert!((1.0..1.005).contains(&none) && (1.5..2.4).contains(&found), "{none} {found}");
     }
 }

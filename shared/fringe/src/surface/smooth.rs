@@ -11,6 +11,7 @@ use super::curved::{Derivatives, missing};
 use super::normals::Link;
 use super::point::{Sample, View};
 use super::raster::Raster;
+use super::shares::{MAX_HALF, OWN_SHARE, other_left, share_left, shared};
 use nalgebra::{Matrix6, Vector6};
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
@@ -19,30 +20,6 @@ pub(super) const MAX_NOISE: f64 = 1.5;
 /// Residual beyond the noise that one surface may have, as a share of the change of the inverse depth per pixel: balls
 /// have 0.01, an edge of 90° 0.04 and more.
 pub(super) const MAX_ROUGHNESS: f64 = 0.02;
-
-/// Largest half width of the smoothing window, px.
-pub(super) const MAX_HALF: usize = 3;
-
-/// Sum of squared weights by the half width of the window: the variance left of noise that is independent in each sample.
-const OWN_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.5556, 0.1543, 0.0748];
-
-/// The same for the noise of the other view, which interpolation over 4 × 4 of its pixels has spread over neighbouring
-/// samples already: mean over all places between its pixels where both views see the surface at the same scale;
-/// ± 14 % where the scales differ by a quarter.
-const OTHER_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.883, 0.483, 0.266];
-
-/// Variance left by a window of a half width, of noise whose share `own` is independent in each sample.
-#[inline(always)]
-pub(super) fn share_left(half: usize, own: f64) -> f64 {
-    let half = half.min(MAX_HALF);
-    own * OWN_SHARE[half] + (1.0 - own) * OTHER_SHARE[half]
-}
-
-/// Smoothing takes out only what differs from pixel to pixel.
-#[inline(always)]
-pub(super) fn shared(left: f64, independent: f64) -> f64 {
-    1.0 - (1.0 - left) * independent
-}
 
 /// The sample with less noise, from the largest window up to `half` that shows one smooth surface.
 #[inline]
@@ -62,9 +39,10 @@ pub(super) fn smoothed(
             2 => middle::<2>((width, pitch), samples, pixel, max_step),
             _ => middle::<1>((width, pitch), samples, pixel, max_step),
         };
-        if let Some(inverse_depth) = value {
+        if let Some((inverse_depth, slopes)) = value {
             let own = f64::from(samples.own_shares[pixel]);
-            let left = shared(share_left(half, own), view.independence.share);
+            let filled = view.filled(pixel, inverse_depth, slopes);
+            let left = shared(share_left(half, own, filled), view.independence.share);
             let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
             return (Sample { inverse_depth, sigma, ..samples.at(pixel) }, half);
         }
@@ -93,10 +71,11 @@ pub(super) fn smoothed_partly(
     let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
     (none + 1..=half.min(border)).rev().find_map(|half| {
         let fit = Partial::gather((width, half), samples, gaps, pixel, link)?;
-        let (inverse_depth, own) = fit.solve((&samples.at(pixel), pitch), half)?;
+        let (inverse_depth, slopes, own) = fit.solve((&samples.at(pixel), pitch), half)?;
         let extra = own / OWN_SHARE[half];
         let independent = f64::from(samples.own_shares[pixel]);
-        let left = independent * own + (1.0 - independent) * (OTHER_SHARE[half] * extra).min(1.0);
+        let other = other_left(half, view.filled(pixel, inverse_depth, slopes));
+        let left = independent * own + (1.0 - independent) * (other * extra).min(1.0);
         let left = shared(left, view.independence.share);
         let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
         (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples.at(pixel) })
@@ -112,7 +91,7 @@ struct Partial {
 }
 
 /// The equations of a window of which every sample is there.
-fn whole(half: usize) -> Matrix6<f64> {
+pub(super) fn whole(half: usize) -> Matrix6<f64> {
     let power = |n: i32| (1..=half).map(|u| 2.0 * (u as f64).powi(n)).sum::<f64>();
     let (side, square) = ((2 * half + 1) as f64, power(2));
     let (line, quartic, cross) = (side * square, side * power(4), square * square);
@@ -161,9 +140,9 @@ impl Partial {
         (sums.count >= LEAST_SHARE * side * side).then_some(sums)
     }
 
-    /// Inverse depth at the middle and the share of independent noise that is left; `None` where the samples are rougher than noise
-    /// and one smooth surface explain.
-    fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, f64)> {
+    /// Inverse depth at the middle, its derivatives and the share of independent noise that is left; `None` where the samples are rougher
+    /// than noise and one smooth surface explain.
+    fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, [f64; 2], f64)> {
         let inverse = self.normal.cholesky()?.inverse();
         let fit = inverse * self.moments;
         let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
@@ -174,7 +153,8 @@ impl Partial {
         let (by_uu, by_vv) = (2.0 * fit[3], 2.0 * fit[5]);
         let derivatives = Derivatives { u: fit[1], v: fit[2], uu: by_uu, uv: fit[4], vv: by_vv };
         let missing = missing(half, derivatives, of(centre), pitch);
-        (enough && residual <= limit).then_some((centre.inverse_depth + (fit[0] + missing), inverse[(0, 0)]))
+        let smooth = centre.inverse_depth + (fit[0] + missing);
+        (enough && residual <= limit).then_some((smooth, [fit[1], fit[2]], inverse[(0, 0)]))
     }
 }
 
@@ -183,7 +163,7 @@ fn of(sample: &Sample) -> [f64; 3] {
     [sample.inverse_depth, f64::from(sample.sigma), f64::from(sample.own_share)]
 }
 
-/// The quadratic over (2 HALF + 1)² samples at its middle; `None` where they are not one smooth surface.
+/// The quadratic over (2 HALF + 1)² samples at its middle, and its slopes there; `None` where they are not one smooth surface.
 ///
 /// By orthogonal polynomials 1, u, v, u² − m, uv, v² − m with m the mean of u².
 #[inline]
@@ -192,7 +172,7 @@ fn middle<const HALF: usize>(
     samples: &Raster,
     pixel: usize,
     max_step: f64,
-) -> Option<f64> {
+) -> Option<(f64, [f64; 2])> {
     let centre = &samples.at(pixel);
     let side = (2 * HALF + 1) as f64;
     let mean_square = (HALF * (HALF + 1)) as f64 / 3.0;
@@ -245,8 +225,10 @@ fn middle<const HALF: usize>(
     };
     let missing = missing(HALF, derivatives, of(centre), pitch);
     // An absent sample makes the sums NaN, and the comparison false.
-    (residual <= limit && connected)
-        .then(|| centre.inverse_depth + (sum / ones - mean_square * (by_uu + by_vv) / square + missing))
+    (residual <= limit && connected).then(|| {
+        let off = sum / ones - mean_square * (by_uu + by_vv) / square + missing;
+        (centre.inverse_depth + off, [derivatives.u, derivatives.v])
+    })
 }
 
 #[cfg(test)]
