@@ -5,7 +5,7 @@
 use super::accuracy::{Bench, ratio};
 use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
-use super::scan::{PairMaps, decoded, joined};
+use super::scan::{PairMaps, decoded_often, joined};
 use crate::Outcome;
 use crate::measure::{OpenFootprints, feature_values};
 use crate::numbers::within;
@@ -36,6 +36,9 @@ pub struct Args {
     /// Placements of the part that are measured with each calibration.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     placements: u64,
+    /// Recordings of each placement, each with noise of its own; what the calibration does to it is found with the first one.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100))]
+    recordings: u64,
     /// Seed of the first calibration; each further one takes the next seed.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -104,7 +107,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let truth = bench.scene.truth();
     let mut trials: Vec<Vec<Trial>> = vec![Vec::new(); bench.plan.features.len()];
     let mut points = Vec::new();
-    let mut progress = Progress::new((args.trials * args.placements) as usize, "measuring");
+    let mut progress = Progress::new((args.trials * args.placements * args.recordings) as usize, "measuring");
     for trial in 0..args.trials {
         let seed = args.seed + trial;
         let calibrated = Calibrated::new(&cell, seed)?;
@@ -118,23 +121,30 @@ pub fn run(args: &Args) -> Result<Outcome> {
                 seed,
                 cycle: trial + CALIBRATIONS * placement,
             };
-            let seen = view.maps(false, &sensors)?;
+            let seen = view.maps(args.recordings, &sensors)?;
             // With the footprints that the cameras have, where others were taken.
-            let right = if sensors.is_empty() { None } else { Some(view.maps(false, &BTreeMap::new())?) };
-            let scanned = joined(&seen, &calibrated.rig)?;
+            let right = match sensors.is_empty() {
+                true => None,
+                false => Some(view.maps(args.recordings, &BTreeMap::new())?),
+            };
+            let first = joined(&seen[0], &calibrated.rig)?;
             if trial < args.point_trials && placement == 0 {
-                points.extend(ratio(&scanned, &joined(&view.maps(true, &sensors)?, &calibrated.rig)?));
+                let quiet = view.quiet(&sensors)?;
+                points.extend(ratio(&first, &joined(&quiet, &calibrated.rig)?));
             }
-            let shares = shares(&bench, (&calibrated.rig, &modes), &sensors, &scanned.points);
-            let result = evaluate(&bench.plan, &scanned.points);
-            let by_points =
-                evaluate(&bench.plan, &joined(right.as_ref().unwrap_or(&seen), &cell.rig)?.points);
-            let features = result.features.iter().zip(&by_points.features);
-            for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(shares) {
-                let known = truth.get(&found.name).map(|truth| truth.value);
-                list.extend(Trial::of(found, true_rig.value, share, known));
+            let shares = shares(&bench, (&calibrated.rig, &modes), &sensors, &first.points);
+            let mut first = Some(first);
+            for (seen, right) in seen.iter().zip(right.as_ref().unwrap_or(&seen)) {
+                let scanned = first.take().map_or_else(|| joined(seen, &calibrated.rig), Ok)?;
+                let result = evaluate(&bench.plan, &scanned.points);
+                let by_points = evaluate(&bench.plan, &joined(right, &cell.rig)?.points);
+                let features = result.features.iter().zip(&by_points.features);
+                for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(&shares) {
+                    let known = truth.get(&found.name).map(|truth| truth.value);
+                    list.extend(Trial::of(found, true_rig.value, *share, known));
+                }
+                progress.step();
             }
-            progress.step();
         }
     }
     drop(progress);
@@ -190,20 +200,34 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// The phases of all pairs, with or without noise; `sensors` are what the decoder takes the cameras for.
-    fn maps(&self, quiet: bool, sensors: &BTreeMap<String, Sensor>) -> Result<Vec<PairMaps>> {
-        let noisy = TwinSettings { seed: self.seed, ..TwinSettings::default() };
-        let settings = if quiet {
-            TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..noisy }
-        } else {
-            noisy
-        };
+    /// The phases of all pairs in each recording; `sensors` are what the decoder takes the cameras for.
+    fn maps(&self, recordings: u64, sensors: &BTreeMap<String, Sensor>) -> Result<Vec<Vec<PairMaps>>> {
+        self.decoded(self.settings(), recordings, sensors)
+    }
+
+    /// The same without noise.
+    fn quiet(&self, sensors: &BTreeMap<String, Sensor>) -> Result<Vec<PairMaps>> {
+        let quiet =
+            TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..self.settings() };
+        Ok(self.decoded(quiet, 1, sensors)?.swap_remove(0))
+    }
+
+    fn settings(&self) -> TwinSettings {
+        TwinSettings { seed: self.seed, ..TwinSettings::default() }
+    }
+
+    fn decoded(
+        &self,
+        settings: TwinSettings,
+        recordings: u64,
+        sensors: &BTreeMap<String, Sensor>,
+    ) -> Result<Vec<Vec<PairMaps>>> {
         let twin = Twin::new(&self.bench.scene, settings, self.rig)?;
         let by_camera = |camera: &str| match sensors.get(camera) {
             Some(sensor) => DecodeSettings { footprint_px: None, sensor: *sensor, ..self.decode.clone() },
             None => self.decode.clone(),
         };
-        decoded(&twin, self.rig, &self.bench.sequence, self.cycle, &by_camera)
+        decoded_often(&twin, self.rig, &self.bench.sequence, (self.cycle, recordings), &by_camera)
     }
 }
 

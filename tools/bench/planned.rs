@@ -215,7 +215,7 @@ impl<'a> Bench<'a> {
         settings: &DecodeSettings,
     ) -> Result<DecodedRecording> {
         let view = twin.view_lit_by(camera, &["proj1"], 0)?;
-        let seen = landed(twin, &view, "proj1", self.rig, sequence, settings)?.decoded(Axis::X)?;
+        let seen = landed(twin, (&view, 0), "proj1", self.rig, sequence, settings)?.decoded(Axis::X)?;
         let noise = [seen.report.noise.read_variance_dn2, seen.report.noise.gain_dn];
         Ok(DecodedRecording { view, map: seen.map, diagnosis: seen.diagnosis, noise })
     }

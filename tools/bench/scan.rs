@@ -47,13 +47,31 @@ pub fn decoded(
     cycle: u64,
     settings: &impl Fn(&str) -> DecodeSettings,
 ) -> Result<Vec<PairMaps>> {
-    let pairs = rig.pairs.iter().map(|pair| {
-        let maps = |camera: &str| {
-            decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, &settings(camera))
-        };
-        Ok([maps(&pair.left)?, maps(&pair.right)?])
-    });
-    pairs.collect()
+    Ok(decoded_often(twin, rig, sequence, (cycle, 1), settings)?.swap_remove(0))
+}
+
+/// The same of a number of recordings of a cycle, each with noise of its own.
+pub fn decoded_often(
+    twin: &Twin,
+    rig: &Rig,
+    sequence: &[PatternSet],
+    (cycle, recordings): (u64, u64),
+    settings: &impl Fn(&str) -> DecodeSettings,
+) -> Result<Vec<Vec<PairMaps>>> {
+    let mut all: Vec<Vec<PairMaps>> = (0..recordings).map(|_| Vec::new()).collect();
+    for pair in &rig.pairs {
+        let [left, right] = [&pair.left, &pair.right].map(|camera| {
+            let view = twin.view_lit_by(camera, &[&pair.projector], cycle)?;
+            let settings = settings(camera);
+            let maps =
+                |number| maps(landed(twin, (&view, number), &pair.projector, rig, sequence, &settings)?);
+            (0..recordings).map(maps).collect::<Result<Vec<_>>>()
+        });
+        for (pairs, (left, right)) in all.iter_mut().zip(left?.into_iter().zip(right?)) {
+            pairs.push([left, right]);
+        }
+    }
+    Ok(all)
 }
 
 /// Matches and fuses the maps of all pairs of a rig.
@@ -98,7 +116,11 @@ pub fn decode_with(
     settings: &DecodeSettings,
 ) -> Result<Vec<PhaseMap>> {
     let view = twin.view_lit_by(camera, &[projector], cycle)?;
-    let mut decoder = landed(twin, &view, projector, rig, sequence, settings)?;
+    maps(landed(twin, (&view, 0), projector, rig, sequence, settings)?)
+}
+
+/// The phase maps of a decoder in which all frames have landed, one per axis.
+fn maps(mut decoder: ViewDecoder) -> Result<Vec<PhaseMap>> {
     let finished = decoder.axes().into_iter().map(|axis| {
         let mut map = PhaseMap::new(decoder.info(axis)?);
         decoder.finish(axis, &mut map.view_mut())?;
@@ -112,10 +134,10 @@ pub fn views(maps: &[PhaseMap]) -> Views<'_> {
     Views::of(maps.iter().map(PhaseMap::view))
 }
 
-/// A decoder in which all frames of a view have landed.
+/// A decoder in which all frames of a view have landed, of the recording with this number, which has noise of its own.
 pub fn landed(
     twin: &Twin,
-    view: &View,
+    (view, number): (&View, u64),
     projector: &str,
     rig: &Rig,
     sequence: &[PatternSet],
@@ -124,6 +146,7 @@ pub fn landed(
     let mut decoder =
         ViewDecoder::new(&seen(view, projector, rig, sequence)?, settings, PhaseMethod::default())?;
     let mut renderer = twin.renderer(projector, sequence)?;
+    renderer.expose(number, 1.0);
     let mut buffer = Buffer::new(view);
     for frame in 0..frame_count(sequence) {
         renderer.render(view, frame, buffer.pixels_mut())?;
