@@ -47,8 +47,18 @@ pub(super) struct Derivatives {
 #[inline(always)]
 pub(super) fn missing(half: usize, d: Derivatives, [inverse_depth, sigma, own]: [f64; 3], pitch: f64) -> f64 {
     let [of_all, of_cross] = SHARES[half];
-    // In pixels of depth for each pixel.
     let scale = inverse_depth.abs() * pitch;
+    let noise = sigma * (1.0 / scale);
+    let variance = BENDS[half] * noise * noise * (own + OF_OTHER * (1.0 - own));
+    let [biharmonic, fuuvv] = fourth_order(d, scale, variance);
+    let missing = of_all * biharmonic + of_cross * fuuvv;
+    // NaN fails the comparison.
+    if sigma <= MOST_NOISE * scale { missing * scale } else { 0.0 }
+}
+
+/// The biharmonic and f_uuvv, in pixels of depth, of which one is so much inverse depth; second derivatives have such a variance by noise.
+#[inline(always)]
+pub(super) fn fourth_order(d: Derivatives, scale: f64, variance: f64) -> [f64; 2] {
     let per_pixel = 1.0 / scale;
     let (gu, gv) = (d.u * per_pixel, d.v * per_pixel);
     let (huu, huv, hvv) = (d.uu * per_pixel, d.uv * per_pixel, d.vv * per_pixel);
@@ -61,17 +71,13 @@ pub(super) fn missing(half: usize, d: Derivatives, [inverse_depth, sigma, own]: 
     let sine2 = slope2 * cosine2;
     let along = (gu2 * huu + 2.0 * guv * huv + gv2 * hvv) * over_slope2;
     let across = (gv2 * huu - 2.0 * guv * huv + gu2 * hvv) * over_slope2;
-    let noise = sigma * per_pixel;
-    let variance = BENDS[half] * noise * noise * (own + OF_OTHER * (1.0 - own));
     let f1111 = 3.0 * along * (along * along - 3.0 * variance) * cosine2 * (1.0 + 4.0 * sine2);
     let f1122 = across * (along * along - variance) * cosine2 * (1.0 + 2.0 * sine2);
     let f2222 = 3.0 * along * (across * across - variance) * cosine2;
     // Turned from the slope to columns and rows.
     let oblique = guv * guv * over_slope2 * over_slope2;
     let fuuvv = f1122 + oblique * (f1111 + f2222 - 6.0 * f1122);
-    let missing = of_all * (f1111 + 2.0 * f1122 + f2222) + of_cross * fuuvv;
-    // NaN fails the comparison.
-    if sigma <= MOST_NOISE * scale { missing * scale } else { 0.0 }
+    [f1111 + 2.0 * f1122 + f2222, fuuvv]
 }
 
 #[cfg(test)]
