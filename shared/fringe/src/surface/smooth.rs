@@ -11,7 +11,7 @@ use super::curved::{Derivatives, missing};
 use super::normals::Link;
 use super::point::{Sample, View};
 use super::raster::Raster;
-use super::shares::{MAX_HALF, OWN_SHARE, other_left, share_left, shared};
+use super::shares::{OWN_SHARE, other_left, share_left, shared};
 use nalgebra::{Matrix6, Vector6};
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
@@ -233,6 +233,7 @@ fn middle<const HALF: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::shares::MAX_HALF;
     use super::*;
     use crate::rectify::Directions;
 
