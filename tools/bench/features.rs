@@ -123,10 +123,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             };
             let seen = view.maps(args.recordings, &sensors)?;
             // With the footprints that the cameras have, where others were taken.
-            let right = match sensors.is_empty() {
-                true => None,
-                false => Some(view.maps(args.recordings, &BTreeMap::new())?),
-            };
+            let right =
+                if sensors.is_empty() { None } else { Some(view.maps(args.recordings, &BTreeMap::new())?) };
             let first = joined(&seen[0], &calibrated.rig)?;
             if trial < args.point_trials && placement == 0 {
                 let quiet = view.quiet(&sensors)?;
