@@ -178,12 +178,13 @@ impl Seen {
     }
 }
 
-/// Samples at places whose windows lie in the image, less noise, and their uncertainties; NaN where their windows are not one smooth surface.
+/// Samples at places whose windows lie in the image, less noise, and their uncertainties; NaN where their windows are not one smooth surface. A sample
+/// fills so many pixels of the other view.
 #[inline(always)]
 pub(super) fn smoothed(
     view: &View,
     samples: &Raster,
-    places: &[usize; LANES],
+    (places, filled): (&[usize; LANES], &Lanes),
     max_step: f64,
 ) -> (Lanes, [f32; LANES]) {
     let mut windows = [[0.0; 5 * LANES]; 5];
@@ -208,8 +209,7 @@ pub(super) fn smoothed(
         (max_step, view.pitch),
     );
     for l in 0..LANES {
-        let filled = view.filled(places[l], fits.smooth[l], [fits.by_column[l], fits.by_row[l]]);
-        let left = shared(share_left(HALF, of_own[l], filled), view.independence.share);
+        let left = shared(share_left(HALF, of_own[l], filled[l]), view.independence.share);
         single[l] = (sigma[l] * left.sqrt()) as f32;
     }
     (fits.smooth, single)

@@ -146,6 +146,10 @@ impl Windows<'_> {
             whole[l] = self.reaches(middles[l], lag);
         }
         let (mut high_pass, mut variance) = ([0.0; LANES], [0.0; LANES]);
+        let mut filled = [0.0; LANES];
+        for l in (0..LANES).filter(|l| whole[*l]) {
+            filled[l] = self.filled(middles[l], lag);
+        }
         let mut bends = [[0.0; LANES]; 5];
         for (v, by_row) in KERNEL.into_iter().enumerate() {
             for (u, by_column) in KERNEL.into_iter().enumerate() {
@@ -163,7 +167,7 @@ impl Windows<'_> {
                     ratios.fill(f64::NAN);
                     return;
                 }
-                let (values, sigmas) = self.smoothed(&places, whole);
+                let (values, sigmas) = self.smoothed((&places, &filled), whole);
                 let weight = by_row * by_column;
                 let of_bends = [
                     MEAN[v] * SLOPE[u],
@@ -193,6 +197,16 @@ impl Windows<'_> {
         }
     }
 
+    /// How many pixels of the other view a sample fills in the mean of those so far from it.
+    #[inline(never)]
+    fn filled(&self, pixel: usize, lag: usize) -> f64 {
+        let slope = |to: usize| {
+            (self.samples.depths[pixel + to] - self.samples.depths[pixel - to]) / (2.0 * lag as f64)
+        };
+        let slopes = [slope(lag), slope(lag * self.view.width)];
+        self.view.filled(pixel, self.samples.depths[pixel], slopes)
+    }
+
     /// Whether nine pixels `lag` apart lie in the image.
     fn reaches(&self, pixel: usize, lag: usize) -> bool {
         let (column, row) = (pixel % self.view.width, pixel / self.view.width);
@@ -201,14 +215,19 @@ impl Windows<'_> {
 
     /// The smoothed samples of those places that are asked.
     #[inline(always)]
-    fn smoothed(&self, places: &[usize; LANES], asked: [bool; LANES]) -> ([f64; LANES], [f32; LANES]) {
+    fn smoothed(
+        &self,
+        (places, filled): (&[usize; LANES], &[f64; LANES]),
+        asked: [bool; LANES],
+    ) -> ([f64; LANES], [f32; LANES]) {
         let (mut values, mut sigmas) = ([f64::NAN; LANES], [f32::NAN; LANES]);
         let inner: [bool; LANES] = std::array::from_fn(|l| asked[l] && self.reaches(places[l], HALF));
         if self.half == HALF
             && let Some(any) = (0..LANES).find(|l| inner[*l])
         {
             let places = std::array::from_fn(|l| places[if inner[l] { l } else { any }]);
-            (values, sigmas) = quick::smoothed(self.view, self.samples, &places, self.link.max_step);
+            (values, sigmas) =
+                quick::smoothed(self.view, self.samples, (&places, filled), self.link.max_step);
         }
         for l in (0..LANES).filter(|l| asked[*l]) {
             if !inner[l] || values[l].is_nan() {
