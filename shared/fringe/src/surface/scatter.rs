@@ -28,6 +28,8 @@ const CHANCE: f64 = 1.0;
 /// Windows that overlap tell the same: one at every pixel tells as much as one for so many squared sides of the noise that they share (sum of the
 /// correlations of being below the quantile; 0.18 to 0.26 for windows of 5 pixels, by which share of the noise is the other view's).
 const OVERLAP: f64 = 0.22;
+/// What raises an uncertainty by less is not looked at twice, and is none.
+const LEAST_EXCESS: f64 = 1.01;
 /// A second distance separates shape from noise: so many pixels more.
 const FARTHER_PX: usize = 2;
 /// Scatter that grows more between both distances is shape, and gives no information of the noise.
@@ -62,8 +64,8 @@ impl SurfaceBuilder {
         // So many of all samples are asked, and the noise of a sample reaches so far.
         let side = if alone { 2 * half + 1 } else { SHARED_PX };
         let overlap = 1.0 + OVERLAP * (side * side) as f64 * asked.len() as f64 / count as f64;
-        // The other distance only lowers what is found here.
-        if beyond_chance(near, asked.len() as f64 / overlap) <= 1.0 {
+        // The other distance only lowers what is found here, and less than this is not worth it.
+        if beyond_chance(near, asked.len() as f64 / overlap) <= LEAST_EXCESS {
             return 1.0;
         }
         let Some((far, windows)) = scatter(lag + FARTHER_PX).filter(|(far, _)| *far <= SHAPE * near) else {
