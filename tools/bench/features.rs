@@ -125,16 +125,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
             // With the footprints that the cameras have, where others were taken.
             let right =
                 if sensors.is_empty() { None } else { Some(view.maps(args.recordings, &BTreeMap::new())?) };
-            let first = joined(&seen[0], &calibrated.rig)?;
+            let scans: Vec<_> =
+                seen.iter().map(|seen| joined(seen, &calibrated.rig)).collect::<Result<_>>()?;
+            let first = &scans[0];
             if trial < args.point_trials && placement == 0 {
                 let quiet = view.quiet(&sensors)?;
-                points.extend(ratio(&first, &joined(&quiet, &calibrated.rig)?));
+                points.extend(ratio(first, &joined(&quiet, &calibrated.rig)?));
             }
             let shares = shares(&bench, (&calibrated.rig, &modes), &sensors, &first.points);
-            let mut first = Some(first);
-            for (seen, right) in seen.iter().zip(right.as_ref().unwrap_or(&seen)) {
-                let scanned = first.take().map_or_else(|| joined(seen, &calibrated.rig), Ok)?;
-                let result = evaluate(&bench.plan, &scanned.points);
+            for (scan, right) in scans.iter().zip(right.as_ref().unwrap_or(&seen)) {
+                let result = evaluate(&bench.plan, &scan.points);
                 let by_points = evaluate(&bench.plan, &joined(right, &cell.rig)?.points);
                 let features = result.features.iter().zip(&by_points.features);
                 for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(&shares) {

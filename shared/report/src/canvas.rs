@@ -4,6 +4,7 @@
 //! points carry colours that shading must not change.
 
 use fringe::math::exp;
+use std::ops::Range;
 
 use super::colour::{ColourMap, Colouring, Rgb, WHITE};
 use super::raster::{PictureError, Raster};
@@ -26,6 +27,15 @@ impl Sum {
             self.deviations += 1.0;
         }
     }
+}
+
+/// A row of a disc: so many rows below its centre, from so many columns left of it to as many right of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Span {
+    /// Rows.
+    pub row: i64,
+    /// Columns.
+    pub reach: i64,
 }
 
 /// A picture in the making.
@@ -59,18 +69,23 @@ impl Canvas {
         x >= 0.0 && y >= 0.0 && x < self.raster.width as f64 && y < self.raster.height as f64
     }
 
-    /// Index of a pixel; `None` outside.
-    fn index(&self, column: i64, row: i64) -> Option<usize> {
+    /// The pixels of one row of a disc about a pixel inside.
+    fn pixels(&self, (x, y): (f64, f64), span: Span) -> Range<usize> {
         let (width, height) = (self.raster.width as i64, self.raster.height as i64);
-        let inside = (0..width).contains(&column) && (0..height).contains(&row);
-        inside.then_some((row * width + column) as usize)
+        let (column, row) = (x as i64, y as i64 + span.row);
+        if !(0..height).contains(&row) {
+            return 0..0;
+        }
+        let (first, last) = ((column - span.reach).max(0), (column + span.reach).min(width - 1));
+        (row * width + first) as usize..(row * width + last + 1) as usize
     }
 
     /// First pass: the foremost surface.
-    pub fn put_depth(&mut self, x: f64, y: f64, depth_mm: f64, disc: &[(i64, i64)]) {
-        for (dx, dy) in disc {
-            if let Some(place) = self.index(x as i64 + dx, y as i64 + dy) {
-                self.depth_mm[place] = self.depth_mm[place].max(depth_mm);
+    pub fn put_depth(&mut self, place: (f64, f64), depth_mm: f64, disc: &[Span]) {
+        for span in disc {
+            let pixels = self.pixels(place, *span);
+            for foremost_mm in &mut self.depth_mm[pixels] {
+                *foremost_mm = foremost_mm.max(depth_mm);
             }
         }
     }
@@ -78,19 +93,18 @@ impl Canvas {
     /// Second pass: what lies on it.
     pub fn put_colour(
         &mut self,
-        x: f64,
-        y: f64,
+        place: (f64, f64),
         depth_mm: f64,
-        disc: &[(i64, i64)],
+        disc: &[Span],
         colour: Rgb,
         deviation: Option<f32>,
     ) {
-        for (dx, dy) in disc {
-            let Some(place) = self.index(x as i64 + dx, y as i64 + dy) else {
-                continue;
-            };
-            if depth_mm >= self.depth_mm[place] - self.thickness_mm {
-                self.sums[place].add(colour, deviation);
+        for span in disc {
+            let pixels = self.pixels(place, *span);
+            for (foremost_mm, sum) in self.depth_mm[pixels.clone()].iter().zip(&mut self.sums[pixels]) {
+                if depth_mm >= foremost_mm - self.thickness_mm {
+                    sum.add(colour, deviation);
+                }
             }
         }
     }
@@ -112,30 +126,30 @@ impl Canvas {
 
     /// Darkens pixels that lie behind a steep step.
     pub fn darken_steps(&mut self, mm_per_px: f64, colouring: &Colouring<'_>) {
-        const REACH: i64 = 3;
-        const AROUND: [(i64, i64); 8] =
-            [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-        let (width, height) = (self.raster.width as i64, self.raster.height as i64);
+        const REACH: usize = 3;
+        let width = self.raster.width;
         let run_mm = mm_per_px * REACH as f64;
         // A slope of 2 is still a surface; where colours are values only real steps may be darkened.
         let surface = if matches!(colouring, Colouring::Deviation { .. }) { 8.0 } else { 2.0 };
-        for row in 0..height {
-            for column in 0..width {
-                let own = self.depth_mm[(row * width + column) as usize];
-                if own == f64::NEG_INFINITY {
+        let rows: Vec<&[f64]> = self.depth_mm.chunks_exact(width).collect();
+        for (row, pixels) in self.raster.pixels.chunks_exact_mut(width).enumerate() {
+            // Beyond the first row and column lies what has no number; a pixel beside itself is no step.
+            let around = [row.wrapping_sub(REACH), row, row + REACH].map(|near| rows.get(near));
+            for (column, (pixel, own)) in pixels.iter_mut().zip(rows[row]).enumerate() {
+                if *own == f64::NEG_INFINITY {
                     continue;
                 }
+                let columns = [column.wrapping_sub(REACH), column, column + REACH];
                 let mut occlusion = 0.0;
-                for (dx, dy) in AROUND {
-                    let (x, y) = (column + dx * REACH, row + dy * REACH);
-                    if (0..width).contains(&x) && (0..height).contains(&y) {
-                        let other = self.depth_mm[(y * width + x) as usize];
+                for line in around.iter().flatten() {
+                    for other in columns.iter().filter_map(|near| line.get(*near)) {
                         occlusion += ((other - own) / run_mm - surface).clamp(0.0, 4.0);
                     }
                 }
-                let level = exp(-0.06 * occlusion);
-                let pixel = &mut self.raster.pixels[(row * width + column) as usize];
-                *pixel = pixel.map(|c| (f64::from(c) * level + 0.5) as u8);
+                if occlusion > 0.0 {
+                    let level = exp(-0.06 * occlusion);
+                    *pixel = pixel.map(|c| (f64::from(c) * level + 0.5) as u8);
+                }
             }
         }
     }

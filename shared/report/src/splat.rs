@@ -5,7 +5,7 @@
 use fringe::cloud::Point;
 use nalgebra::Vector3;
 
-use super::canvas::Canvas;
+use super::canvas::{Canvas, Span};
 use super::colour::{Colouring, Rgb, WHITE, pair_colour};
 use super::number;
 use super::raster::{PictureError, Raster};
@@ -110,7 +110,7 @@ pub fn render(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Resul
     for point in points {
         let (x, y, depth_mm) = placement.place(point, &axes);
         if canvas.contains(x, y) {
-            canvas.put_depth(x, y, depth_mm, &disc);
+            canvas.put_depth((x, y), depth_mm, &disc);
             drawn += 1;
         }
     }
@@ -119,7 +119,7 @@ pub fn render(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Resul
         if canvas.contains(x, y) {
             let deviation = deviations.get(i).copied().filter(|d| !d.is_nan());
             let colour = shaded(base_colour(i, point, colouring), point, &axes);
-            canvas.put_colour(x, y, depth_mm, &disc, colour, deviation);
+            canvas.put_colour((x, y), depth_mm, &disc, colour, deviation);
         }
     }
     canvas.resolve(colouring);
@@ -157,10 +157,10 @@ fn base_colour(index: usize, point: &Point, colouring: &Colouring<'_>) -> Rgb {
     }
 }
 
-/// The pixels of a disc around its centre: columns and rows.
-fn disc(radius: i64) -> Vec<(i64, i64)> {
-    let square = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy)));
-    square.filter(|(dx, dy)| dx * dx + dy * dy <= radius * radius).collect()
+/// The rows of a disc.
+fn disc(radius: i64) -> Vec<Span> {
+    let reach = |row: i64| (0..=radius).rev().find(|reach| reach * reach + row * row <= radius * radius);
+    (-radius..=radius).filter_map(|row| Some(Span { row, reach: reach(row)? })).collect()
 }
 
 /// Lambertian shading by a lamp above the left shoulder; a surface seen from behind is dark.

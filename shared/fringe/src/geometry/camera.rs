@@ -159,6 +159,12 @@ impl Camera {
             })
     }
 
+    /// Mean of both focal lengths, px; a pixel of the image plane at unit distance is its inverse long.
+    #[inline]
+    pub fn mean_focal_px(&self) -> f64 {
+        0.5 * (self.focal_px[0] + self.focal_px[1])
+    }
+
     /// The camera matrix K, px.
     pub fn matrix(&self) -> Matrix3<f64> {
         let [fx, fy] = self.focal_px;

@@ -79,7 +79,7 @@ impl ProjectorMatcher {
         let (width, height) = (camera.width_px as usize, camera.height_px as usize);
         let straight = RectifiedCamera { camera: camera.clone(), camera_from_rectified: Matrix3::identity() };
         let pixels = width * height;
-        let focal_px = 0.5 * (camera.focal_px[0] + camera.focal_px[1]);
+        let focal_px = camera.mean_focal_px();
         let parts = (0..=pixels.div_ceil(PART_PIXELS)).map(|part| (part * PART_PIXELS).min(pixels)).collect();
         Ok(Self {
             directions: Directions::new(&straight, straight.table(), focal_px),
@@ -142,7 +142,7 @@ impl ProjectorMatcher {
             width: self.camera.width_px as usize,
             height: self.camera.height_px as usize,
             directions: &self.directions,
-            pitch: 2.0 / (self.camera.focal_px[0] + self.camera.focal_px[1]),
+            pitch: 1.0 / self.camera.mean_focal_px(),
             world_from_sight: self
                 .camera
                 .camera_from_world

@@ -115,7 +115,7 @@ impl RectifiedCamera {
     /// How far one may go along a curve from an exact place, by tangent and stretch alone, until the neglected bend of
     /// the lens displaces by `error_px`; in units of the rectified abscissa, the least over a lattice of pixels.
     pub fn reach(&self, error_px: f64) -> f64 {
-        let h = 4.0 / (self.camera.focal_px[0] + self.camera.focal_px[1]);
+        let h = 2.0 / self.camera.mean_focal_px();
         let (last_column, last_row) = (self.camera.width_px - 1, self.camera.height_px - 1);
         let mut worst = 0.0_f64;
         for i in 0..=16 {

@@ -65,7 +65,7 @@ pub(crate) struct View<'a> {
 /// The optical axis of a camera by its rotation from the view's lines of sight (x, y, 1), of a length such that cubes of its products with them are as the
 /// areas that the camera's pixels fill in the plane of x and y.
 pub(crate) fn axis_of(camera: &Camera, camera_from_sight: &Matrix3<f64>) -> Vector3<f64> {
-    axis_of_pitch(camera_from_sight.row(2).transpose(), 2.0 / (camera.focal_px[0] + camera.focal_px[1]))
+    axis_of_pitch(camera_from_sight.row(2).transpose(), 1.0 / camera.mean_focal_px())
 }
 
 /// The same by a unit vector along the axis and the length of a pixel.

@@ -5,8 +5,10 @@
 //! their scores). Between cells C is taken as a function of the distance alone and estimated from all pairs of cells of
 //! a distance together (Conley 1999, with the weights of a correlogram instead of a kernel of given width), from the
 //! nearest outwards up to the first distance where it no longer stands out of its own scatter (Geyer 1992, initial
-//! positive sequence). Compared with cells of a given edge this neither cuts what reaches over their borders nor needs
-//! the edge; compared with ever larger cells it does not run out of cells.
+//! positive sequence), and a third farther: smoothing by fitted surfaces makes noise negatively correlated there, and
+//! without that part a mean would seem up to a tenth less certain than it is. Compared with cells of a given edge this
+//! neither cuts what reaches over their borders nor needs the edge; compared with ever larger cells it does not run out
+//! of cells.
 //!
 //! Residuals hide a part of the noise, the one that the fit followed: cov(r) ≈ C − J V Jᵀ, V the covariance sought. It
 //! is added back, by fixed-point iteration, which also replaces the factors for few points.
@@ -31,6 +33,12 @@ const ROUNDS: usize = 8;
 /// A bin counts while its covariance exceeds this many of its standard deviations. Measured on caps with noise of known
 /// range: 0 states 3 % too much without correlation, 2 cuts 4 % of the uncertainty off with it.
 const SIGNIFICANT: f64 = 1.0;
+
+/// One bin is added beyond each so many that count. On a plane of 21 mm by 13 mm with 0.4 mm, 0.3 mm and 0.2 mm between its
+/// points, noise smoothed by fits to 5 × 5 of them, the error over what is stated for its height is 0.96 to 0.98 with it and
+/// 0.93 to 0.98 without; noise smoothed by means of 5 × 5, never negative, 1.00 to 1.02 and 0.98 to 1.00. One bin for two
+/// scatters so much that this becomes 1.01 to 1.08.
+const BINS_BEFORE_ONE_BEYOND: usize = 3;
 
 /// Variance after adding back over variance before: beyond it the fixed point runs away, because the noise reaches over
 /// so much of the element that the residuals do not show how much of it the fit followed.
@@ -133,19 +141,29 @@ fn between<const P: usize>(
     covariance: &SMatrix<f64, P, P>,
 ) -> (SMatrix<f64, P, P>, usize) {
     let mut between = SMatrix::<f64, P, P>::zeros();
-    let (mut last, mut index) = (0, 0);
-    while let Some(bin) = correlogram.bin(index) {
+    let (mut last, mut end, mut index) = (0, None, 0);
+    while end.is_none_or(|end| index < end)
+        && let Some(bin) = correlogram.bin(index)
+    {
         index += 1;
         if bin.pairs == 0.0 {
             continue;
         }
         let noise = (bin.product + bin.derivatives.component_mul(covariance).sum()) / bin.pairs;
         let limit = SIGNIFICANT * bin.square.sqrt() / bin.pairs;
-        if noise.is_nan() || noise <= limit {
+        if noise.is_nan() {
             break;
         }
+        if end.is_none() && noise <= limit {
+            end = Some(last + last / BINS_BEFORE_ONE_BEYOND);
+            if end == Some(last) {
+                break;
+            }
+        }
         between += (bin.derivatives + bin.derivatives.transpose()) * noise;
-        last = index;
+        if end.is_none() {
+            last = index;
+        }
     }
     (between, last)
 }
