@@ -91,7 +91,7 @@ fn encode(
     kind: ExtendedColorType,
 ) -> Result<Vec<u8>, PictureError> {
     let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive).write_image(
+    PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive).write_image(
         bytes,
         width as u32,
         height as u32,
