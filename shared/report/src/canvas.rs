@@ -32,12 +32,12 @@ impl Sum {
     }
 }
 
-/// A row of a disc: so many rows below its centre, from so many columns left of it to as many right of it.
+/// A row of a disc.
 #[derive(Debug, Clone, Copy)]
 pub struct Span {
-    /// Rows.
+    /// Rows below the centre of the disc.
     pub row: i64,
-    /// Columns.
+    /// Columns to each side of the centre.
     pub reach: i64,
 }
 
