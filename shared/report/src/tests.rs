@@ -229,6 +229,14 @@ fn text_from_outside_stays_text() {
     assert!(html.matches("&quot;&gt;&lt;script&gt;").count() >= 17);
 }
 
+/// A report without the data of its pictures: encoded, they hold any three letters by chance.
+fn without_pictures(html: &str) -> String {
+    let mut parts = html.split("base64,");
+    let first = parts.next().unwrap_or_default();
+    let others = parts.map(|part| part.split_once('"').expect("the end of a picture").1);
+    std::iter::once(first).chain(others).collect()
+}
+
 #[test]
 fn an_empty_input_gives_an_valid_report() {
     let html = html(&ReportInput::default()).unwrap();
@@ -261,7 +269,8 @@ fn values_that_are_no_numbers_are_shown_as_absent() {
     .map(row)
     .to_vec();
     let html = html(&input).unwrap();
-    assert!(!html.contains("NaN") && !html.contains("inf<") && !html.contains("inf\""));
+    let shown = without_pictures(&html);
+    assert!(!shown.contains("NaN") && !shown.contains("inf<") && !shown.contains("inf\""));
     assert!(html.contains("4 features with limits: 0 within, 3 outside, 1 not measured."));
     assert!(html.contains("1 could not be evaluated."));
     assert!(html.contains("12 points, at least 100 needed"), "the reason stands where the value would");
@@ -273,7 +282,7 @@ fn one_deviation_makes_a_histogram() {
     for deviation in [0.0, 0.004, -7e30] {
         let html = html(&rich(&Inputs::with(vec![(0, deviation)]))).unwrap();
         assert!(html.contains("sd – µm"), "one value has no standard deviation");
-        assert!(!html.contains("NaN"));
+        assert!(!without_pictures(&html).contains("NaN"));
     }
 }
 
