@@ -20,10 +20,7 @@ struct Sum {
 
 impl Sum {
     fn add(&mut self, colour: Rgb, deviation: Option<f32>) {
-        // Plain sums: this runs once for each pixel of each point.
-        self.colour[0] += f32::from(colour[0]);
-        self.colour[1] += f32::from(colour[1]);
-        self.colour[2] += f32::from(colour[2]);
+        self.colour.iter_mut().zip(colour).for_each(|(s, c)| *s += f32::from(c));
         self.points += 1.0;
         if let Some(deviation) = deviation {
             self.deviation_mm += deviation;
