@@ -1,32 +1,34 @@
 //! The drawing surface of a cloud: a depth buffer, sums over the points in front, and shaded steps.
 //!
+//! A picture is drawn in bands of rows, each by itself: what one needs stays in the cache, and bands are shared among the threads.
+//!
 //! Steps in depth are darkened after T. Boucheny's eye-dome lighting (2009), which makes shape visible also where
 //! points carry colours that shading must not change.
 
 use fringe::math::exp;
+use rayon::prelude::*;
 use std::ops::Range;
 
 use super::colour::{ColourMap, Colouring, Rgb, WHITE};
 use super::raster::{PictureError, Raster};
 
-/// What the points in front at one pixel add up to.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sum {
-    colour: [f32; 3],
-    points: f32,
-    deviation_mm: f32,
-    deviations: f32,
-}
+/// Rows of a band: its sums fit a second cache.
+const BAND: usize = 32;
 
-impl Sum {
-    fn add(&mut self, colour: Rgb, deviation: Option<f32>) {
-        self.colour.iter_mut().zip(colour).for_each(|(s, c)| *s += f32::from(c));
-        self.points += 1.0;
-        if let Some(deviation) = deviation {
-            self.deviation_mm += deviation;
-            self.deviations += 1.0;
-        }
-    }
+/// Steps in depth are looked for between pixels so far apart.
+const REACH: usize = 3;
+
+/// A point in the picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Dot {
+    /// Column and row of its pixel.
+    pub pixel: (u32, u32),
+    /// Depth towards the eye, mm.
+    pub depth_mm: f64,
+    /// Its colour, shaded.
+    pub colour: Rgb,
+    /// Its deviation, mm; NaN where it has none.
+    pub deviation_mm: f32,
 }
 
 /// A row of a disc.
@@ -38,81 +40,117 @@ pub struct Span {
     pub reach: i64,
 }
 
-/// A picture in the making.
+/// What is drawn, and how.
 ///
 /// First the depth of the foremost surface, mm towards the eye; then the mean over all points of that surface. The
 /// foremost point alone would be the one whose noise points towards the eye, and a deviation map would show that
 /// choice instead of the part.
-pub struct Canvas {
-    /// The image that is drawn.
-    pub raster: Raster,
-    depth_mm: Vec<f64>,
-    sums: Vec<Sum>,
+pub struct Canvas<'a> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Each point is drawn as this disc.
+    pub disc: &'a [Span],
     /// Points so much behind the foremost one still belong to its surface.
-    thickness_mm: f64,
+    pub thickness_mm: f64,
+    /// Size of a pixel.
+    pub mm_per_px: f64,
+    /// What the colours mean.
+    pub colouring: &'a Colouring<'a>,
 }
 
-impl Canvas {
-    /// A white one.
+/// What the points in front at one pixel add up to.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    colour: [f32; 3],
+    points: f32,
+    deviation_mm: f32,
+    deviations: f32,
+}
+
+impl Sum {
+    fn add(&mut self, dot: &Dot) {
+        self.colour.iter_mut().zip(dot.colour).for_each(|(s, c)| *s += f32::from(c));
+        self.points += 1.0;
+        if !dot.deviation_mm.is_nan() {
+            self.deviation_mm += dot.deviation_mm;
+            self.deviations += 1.0;
+        }
+    }
+}
+
+/// Memory of a band, used for one after another.
+#[derive(Default)]
+struct Band {
+    /// Of the rows of the band and [`REACH`] to each side, as far as they lie in the picture.
+    depth_mm: Vec<f64>,
+    sums: Vec<Sum>,
+}
+
+impl Canvas<'_> {
+    /// Draws dots that lie within the picture; the same bytes on any number of threads.
     ///
     /// # Errors
     /// A size that no picture has.
-    pub fn new(width: usize, height: usize, thickness_mm: f64) -> Result<Self, PictureError> {
-        let raster = Raster::new(width, height, WHITE)?;
-        let depth_mm = vec![f64::NEG_INFINITY; raster.pixels.len()];
-        let sums = vec![Sum::default(); raster.pixels.len()];
-        Ok(Self { raster, depth_mm, sums, thickness_mm })
+    pub fn draw(&self, dots: &[Dot]) -> Result<Raster, PictureError> {
+        let mut raster = Raster::new(self.width, self.height, WHITE)?;
+        let sorted = Sorted::by_band(dots, self.height.div_ceil(BAND));
+        let bands = raster.pixels.par_chunks_mut(BAND * self.width).enumerate().with_max_len(1);
+        bands.for_each_init(Band::default, |band, (number, pixels)| {
+            let first = number * BAND;
+            let rows = first..first + pixels.len() / self.width;
+            self.band(band, &sorted, rows, pixels);
+        });
+        Ok(raster)
     }
 
-    /// Whether a pixel lies inside; a NaN does not.
-    pub fn contains(&self, x: f64, y: f64) -> bool {
-        x >= 0.0 && y >= 0.0 && x < self.raster.width as f64 && y < self.raster.height as f64
-    }
-
-    /// The pixels of one row of a disc about a pixel inside.
-    fn pixels(&self, (x, y): (f64, f64), span: Span) -> Range<usize> {
-        let (width, height) = (self.raster.width as i64, self.raster.height as i64);
-        let (column, row) = (x as i64, y as i64 + span.row);
-        if !(0..height).contains(&row) {
-            return 0..0;
-        }
-        let (first, last) = ((column - span.reach).max(0), (column + span.reach).min(width - 1));
-        (row * width + first) as usize..(row * width + last + 1) as usize
-    }
-
-    /// First pass: the foremost surface.
-    pub fn put_depth(&mut self, place: (f64, f64), depth_mm: f64, disc: &[Span]) {
-        for span in disc {
-            let pixels = self.pixels(place, *span);
-            for foremost_mm in &mut self.depth_mm[pixels] {
-                *foremost_mm = foremost_mm.max(depth_mm);
-            }
-        }
-    }
-
-    /// Second pass: what lies on it.
-    pub fn put_colour(
-        &mut self,
-        place: (f64, f64),
-        depth_mm: f64,
-        disc: &[Span],
-        colour: Rgb,
-        deviation: Option<f32>,
-    ) {
-        for span in disc {
-            let pixels = self.pixels(place, *span);
-            for (foremost_mm, sum) in self.depth_mm[pixels.clone()].iter().zip(&mut self.sums[pixels]) {
-                if depth_mm >= foremost_mm - self.thickness_mm {
-                    sum.add(colour, deviation);
+    fn band(&self, band: &mut Band, sorted: &Sorted, rows: Range<usize>, pixels: &mut [Rgb]) {
+        let deep = rows.start.saturating_sub(REACH)..(rows.end + REACH).min(self.height);
+        band.depth_mm.clear();
+        band.depth_mm.resize(deep.len() * self.width, f64::NEG_INFINITY);
+        band.sums.clear();
+        band.sums.resize(rows.len() * self.width, Sum::default());
+        let margin = self.disc.iter().map(|span| span.row).max().unwrap_or(0) as usize;
+        let reached = deep.start.saturating_sub(margin)..deep.end + margin;
+        for dot in sorted.of(&reached) {
+            for span in self.disc {
+                for foremost_mm in &mut band.depth_mm[self.pixels(dot, *span, &deep)] {
+                    *foremost_mm = foremost_mm.max(dot.depth_mm);
                 }
             }
         }
+        let own = &band.depth_mm[(rows.start - deep.start) * self.width..][..band.sums.len()];
+        for dot in sorted.of(&reached) {
+            for span in self.disc {
+                let pixels = self.pixels(dot, *span, &rows);
+                for (foremost_mm, sum) in own[pixels.clone()].iter().zip(&mut band.sums[pixels]) {
+                    if dot.depth_mm >= foremost_mm - self.thickness_mm {
+                        sum.add(dot);
+                    }
+                }
+            }
+        }
+        self.resolve(&band.sums, pixels);
+        self.darken_steps(&band.depth_mm, rows.start - deep.start, pixels);
+    }
+
+    /// Where a row of the disc about a dot lies in some rows of the picture; nowhere for a row outside.
+    fn pixels(&self, dot: &Dot, span: Span, rows: &Range<usize>) -> Range<usize> {
+        let (column, row) = (i64::from(dot.pixel.0), i64::from(dot.pixel.1) + span.row);
+        if row < rows.start as i64 || row >= rows.end as i64 {
+            return 0..0;
+        }
+        let first = (column - span.reach).max(0) as usize;
+        let last = (column + span.reach).min(self.width as i64 - 1) as usize;
+        let start = (row as usize - rows.start) * self.width;
+        start + first..start + last + 1
     }
 
     /// The colours from the sums.
-    pub fn resolve(&mut self, colouring: &Colouring<'_>) {
-        for (pixel, sum) in self.raster.pixels.iter_mut().zip(&self.sums).filter(|(_, s)| s.points > 0.0) {
-            *pixel = match colouring {
+    fn resolve(&self, sums: &[Sum], pixels: &mut [Rgb]) {
+        for (pixel, sum) in pixels.iter_mut().zip(sums).filter(|(_, s)| s.points > 0.0) {
+            *pixel = match self.colouring {
                 Colouring::Deviation { half_range_mm, .. }
                     if sum.deviations > 0.0 && *half_range_mm > 0.0 =>
                 {
@@ -124,15 +162,13 @@ impl Canvas {
         }
     }
 
-    /// Darkens pixels that lie behind a steep step.
-    pub fn darken_steps(&mut self, mm_per_px: f64, colouring: &Colouring<'_>) {
-        const REACH: usize = 3;
-        let width = self.raster.width;
-        let run_mm = mm_per_px * REACH as f64;
+    /// Darkens pixels that lie behind a steep step; `depth_mm` has so many rows more above.
+    fn darken_steps(&self, depth_mm: &[f64], above: usize, pixels: &mut [Rgb]) {
+        let run_mm = self.mm_per_px * REACH as f64;
         // A slope of 2 is still a surface; where colours are values only real steps may be darkened.
-        let surface = if matches!(colouring, Colouring::Deviation { .. }) { 8.0 } else { 2.0 };
-        let rows: Vec<&[f64]> = self.depth_mm.chunks_exact(width).collect();
-        for (row, pixels) in self.raster.pixels.chunks_exact_mut(width).enumerate() {
+        let surface = if matches!(self.colouring, Colouring::Deviation { .. }) { 8.0 } else { 2.0 };
+        let rows: Vec<&[f64]> = depth_mm.chunks_exact(self.width).collect();
+        for (row, pixels) in (above..).zip(pixels.chunks_exact_mut(self.width)) {
             // Beyond the first row and column lies what has no number; a pixel beside itself is no step.
             let around = [row.wrapping_sub(REACH), row, row + REACH].map(|near| rows.get(near));
             for (column, (pixel, own)) in pixels.iter_mut().zip(rows[row]).enumerate() {
@@ -152,5 +188,37 @@ impl Canvas {
                 }
             }
         }
+    }
+}
+
+/// The dots of each band side by side, in their order.
+struct Sorted {
+    dots: Vec<Dot>,
+    /// Where each band begins, and the end.
+    starts: Vec<usize>,
+}
+
+impl Sorted {
+    fn by_band(dots: &[Dot], bands: usize) -> Self {
+        let band = |dot: &Dot| dot.pixel.1 as usize / BAND;
+        let mut starts = vec![0; bands + 1];
+        dots.iter().for_each(|dot| starts[band(dot) + 1] += 1);
+        (0..bands).for_each(|band| starts[band + 1] += starts[band]);
+        let mut places = starts.clone();
+        let mut sorted = dots.to_vec();
+        for dot in dots {
+            let place = &mut places[band(dot)];
+            sorted[*place] = *dot;
+            *place += 1;
+        }
+        Self { dots: sorted, starts }
+    }
+
+    /// The dots of some rows, which may reach beyond the picture.
+    fn of(&self, rows: &Range<usize>) -> impl Iterator<Item = &Dot> {
+        let last = (rows.end - 1) / BAND;
+        let band = |number: usize| self.starts[number.min(self.starts.len() - 1)];
+        let near = &self.dots[band(rows.start / BAND)..band(last + 1)];
+        near.iter().filter(|dot| rows.contains(&(dot.pixel.1 as usize)))
     }
 }

@@ -4,8 +4,9 @@
 
 use fringe::cloud::Point;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
-use super::canvas::{Canvas, Span};
+use super::canvas::{Canvas, Dot, Span};
 use super::colour::{Colouring, Rgb, WHITE, pair_colour};
 use super::number;
 use super::raster::{PictureError, Raster};
@@ -16,6 +17,9 @@ const OVERSAMPLING: usize = 2;
 
 /// Free border of the picture, as a part of each side.
 const BORDER: f64 = 0.06;
+
+/// Points that a thread places at a time.
+const PIECE: usize = 16_384;
 
 /// Largest radius of a drawn point, drawn pixels: a sparse cloud shall look sparse.
 const MAX_RADIUS: f64 = 6.0;
@@ -104,31 +108,29 @@ pub fn render(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Resul
     let (width, height) = (view.width_px as usize * OVERSAMPLING, view.height_px as usize * OVERSAMPLING);
     let axes = view.axes();
     let placement = Placement::fit(points, &axes, width, height);
-    let mut canvas = Canvas::new(width, height, placement.thickness_mm())?;
     let disc = disc(placement.radius);
-    let mut drawn = 0;
-    for point in points {
-        let (x, y, depth_mm) = placement.place(point, &axes);
-        if canvas.contains(x, y) {
-            canvas.put_depth((x, y), depth_mm, &disc);
-            drawn += 1;
-        }
-    }
-    for (i, point) in points.iter().enumerate() {
-        let (x, y, depth_mm) = placement.place(point, &axes);
-        if canvas.contains(x, y) {
-            let deviation = deviations.get(i).copied().filter(|d| !d.is_nan());
-            let colour = shaded(base_colour(i, point, colouring), point, &axes);
-            canvas.put_colour((x, y), depth_mm, &disc, colour, deviation);
-        }
-    }
-    canvas.resolve(colouring);
-    canvas.darken_steps(placement.mm_per_px, colouring);
+    let lamp = (axes[2] * 0.75 + axes[1] * 0.5 - axes[0] * 0.43).normalize();
+    let pieces: Vec<Vec<Dot>> = points
+        .par_chunks(PIECE)
+        .enumerate()
+        .map(|(piece, points)| {
+            let dot = |(i, point): (usize, &Point)| {
+                let (pixel, depth_mm) = placement.place(point, &axes)?;
+                let colour = shaded(base_colour(i, point, colouring), point, &axes[2], &lamp);
+                let deviation_mm = deviations.get(i).copied().unwrap_or(f32::NAN);
+                Some(Dot { pixel, depth_mm, colour, deviation_mm })
+            };
+            (piece * PIECE..).zip(points).filter_map(dot).collect()
+        })
+        .collect();
+    let dots = pieces.concat();
+    let (thickness_mm, mm_per_px) = (placement.thickness_mm(), placement.mm_per_px);
+    let canvas = Canvas { width, height, disc: &disc, thickness_mm, mm_per_px, colouring };
     Ok(Rendered {
-        raster: canvas.raster.reduced(OVERSAMPLING)?,
-        mm_per_px: placement.mm_per_px * OVERSAMPLING as f64,
+        raster: canvas.draw(&dots)?.reduced(OVERSAMPLING)?,
+        mm_per_px: mm_per_px * OVERSAMPLING as f64,
         axes: [0, 1, 2].map(|k| [axes[0][k], -axes[1][k]]),
-        drawn,
+        drawn: dots.len(),
     })
 }
 
@@ -163,14 +165,13 @@ fn disc(radius: i64) -> Vec<Span> {
     (-radius..=radius).filter_map(|row| Some(Span { row, reach: reach(row)? })).collect()
 }
 
-/// Lambertian shading by a lamp above the left shoulder; a surface seen from behind is dark.
-fn shaded(colour: Rgb, point: &Point, axes: &[Vector3<f64>; 3]) -> Rgb {
-    let lamp = (axes[2] * 0.75 + axes[1] * 0.5 - axes[0] * 0.43).normalize();
+/// Lambertian shading by a lamp in a direction (unit length); a surface seen from behind is dark.
+fn shaded(colour: Rgb, point: &Point, towards_eye: &Vector3<f64>, lamp: &Vector3<f64>) -> Rgb {
     let normal = point.normal_vector();
     let level = match normal.try_normalize(1e-6) {
         None => 0.8,
-        Some(normal) if normal.dot(&axes[2]) < 0.0 => 0.3,
-        Some(normal) => 0.4 + 0.62 * normal.dot(&lamp).max(0.0),
+        Some(normal) if normal.dot(towards_eye) < 0.0 => 0.3,
+        Some(normal) => 0.4 + 0.62 * normal.dot(lamp).max(0.0),
     };
     colour.map(|c| (f64::from(c) * level + 0.5).min(255.0) as u8)
 }
@@ -178,7 +179,8 @@ fn shaded(colour: Rgb, point: &Point, axes: &[Vector3<f64>; 3]) -> Rgb {
 /// Where the part lies in the picture.
 struct Placement {
     centre: (f64, f64),
-    middle: (f64, f64),
+    /// Columns and rows of the picture.
+    size: (f64, f64),
     mm_per_px: f64,
     radius: i64,
 }
@@ -199,7 +201,7 @@ impl Placement {
         let spacing_px = (area_px / points.len().max(1) as f64).sqrt();
         Self {
             centre: (f64::midpoint(u.0, u.1), f64::midpoint(v.0, v.1)),
-            middle: (width as f64 / 2.0, height as f64 / 2.0),
+            size: (width as f64, height as f64),
             mm_per_px,
             radius: (0.9 * spacing_px).clamp(1.0, MAX_RADIUS).ceil() as i64,
         }
@@ -211,12 +213,15 @@ impl Placement {
         self.mm_per_px * (2 * self.radius + 1) as f64 * 2.0
     }
 
-    /// Column and row of a point, and its depth towards the eye in mm.
-    fn place(&self, point: &Point, axes: &[Vector3<f64>; 3]) -> (f64, f64, f64) {
+    /// The pixel of a point that lies within the picture, and its depth towards the eye in mm.
+    fn place(&self, point: &Point, axes: &[Vector3<f64>; 3]) -> Option<((u32, u32), f64)> {
         let position = point.position().coords;
-        let x = self.middle.0 + (axes[0].dot(&position) - self.centre.0) / self.mm_per_px;
-        let y = self.middle.1 - (axes[1].dot(&position) - self.centre.1) / self.mm_per_px;
-        (x, y, axes[2].dot(&position))
+        let (width, height) = self.size;
+        let x = width / 2.0 + (axes[0].dot(&position) - self.centre.0) / self.mm_per_px;
+        let y = height / 2.0 - (axes[1].dot(&position) - self.centre.1) / self.mm_per_px;
+        // What is no number lies outside.
+        let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
+        inside.then(|| ((x as u32, y as u32), axes[2].dot(&position)))
     }
 }
 

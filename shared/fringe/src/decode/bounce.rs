@@ -73,11 +73,13 @@ impl Bounce {
         let bands = self.excess.par_chunks_mut(BAND * columns).zip(self.sums.par_chunks_mut(memory(columns)));
         bands.enumerate().for_each(|(band, (excess, sums))| {
             let (mut cells, first) = (Cells::new(columns, sums), 1 + band * BAND);
-            for row in [first - 1, first] {
-                vectorised!(level, |simd| cells.fill(simd, row, &seen, light));
-            }
+            // One function, for each place that fills would be compiled by itself.
+            let fill =
+                |cells: &mut Cells, row| vectorised!(level, |simd| cells.fill(simd, row, &seen, light));
+            fill(&mut cells, first - 1);
+            fill(&mut cells, first);
             for (row, excess) in (first..).zip(excess.chunks_mut(columns)) {
-                vectorised!(level, |simd| cells.fill(simd, row + 1, &seen, light));
+                fill(&mut cells, row + 1);
                 vectorised!(level, bounce_window::suspects(&cells.about(row), excess));
                 for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
                     cells.complete([row, column], &seen, light, level);

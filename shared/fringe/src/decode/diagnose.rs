@@ -21,6 +21,7 @@
 
 use super::bits::{Stripes, resolve};
 use super::block::{BLOCK, CHUNK, Planes, state};
+use super::blocks::decode_block;
 use super::coarse::centre_px;
 use super::noise_line::QUANTISATION_DN2;
 use super::order::{Kernel, Lanes, follow_one};
@@ -81,7 +82,7 @@ impl Decoder {
             for (index, block) in pixels.chunks_mut(BLOCK).enumerate() {
                 let start = chunk * CHUNK + index * BLOCK;
                 let range = start..start + block.len();
-                kernel.block(&range, &mut lanes, &mut scratch.planes(block.len()));
+                decode_block(&kernel, self.level, &range, &mut lanes, &mut scratch.planes(block.len()));
                 for (i, pixel) in block.iter_mut().enumerate() {
                     if scratch.state[i] != state::INVALID {
                         *pixel = (kernel.diagnosis(&lanes, start, i), scratch.sigma[i]);
