@@ -222,3 +222,44 @@ impl Sorted {
         near.iter().filter(|dot| rows.contains(&(dot.pixel.1 as usize)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Dots all over a picture of several bands, many of them at their borders, at depths that hide some of them.
+    fn dots(width: u32, height: u32) -> Vec<Dot> {
+        let dot = |i: u32| {
+            let value = i.wrapping_mul(2_654_435_761) >> 8;
+            Dot {
+                pixel: (value % width, (value / width) % height),
+                depth_mm: f64::from(i % 17),
+                colour: [(i % 251) as u8, (i % 83) as u8, 200],
+                deviation_mm: if i.is_multiple_of(5) { f32::NAN } else { (i % 7) as f32 * 1e-3 },
+            }
+        };
+        (0..4000).map(dot).collect()
+    }
+
+    /// Proves: a picture in bands is the one that is drawn as a whole, discs and dark steps across the borders of bands included, on any
+    /// number of threads.
+    #[test]
+    fn bands_leave_no_seam_on_any_number_of_threads() {
+        let (width, height) = (90, 3 * BAND + 5);
+        let disc: Vec<Span> =
+            [(-2, 0), (-1, 2), (0, 2), (1, 2), (2, 0)].map(|(row, reach)| Span { row, reach }).to_vec();
+        let dots = dots(width as u32, height as u32);
+        for colouring in [Colouring::Normal, Colouring::Deviation { values: &[], half_range_mm: 0.01 }] {
+            let colouring = &colouring;
+            let canvas = Canvas { width, height, disc: &disc, thickness_mm: 3.0, mm_per_px: 0.1, colouring };
+            let mut whole = Raster::new(width, height, WHITE).unwrap();
+            let sorted = Sorted::by_band(&dots, height.div_ceil(BAND));
+            canvas.band(&mut Band::default(), &sorted, 0..height, &mut whole.pixels);
+            assert!(whole.pixels.iter().any(|pixel| *pixel != WHITE));
+            for threads in [1, 3] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                assert_eq!(pool.install(|| canvas.draw(&dots)).unwrap(), whole, "{threads} threads");
+            }
+        }
+    }
+}
