@@ -202,8 +202,12 @@ impl Sorted {
     fn by_band(dots: &[Dot], bands: usize) -> Self {
         let band = |dot: &Dot| dot.pixel.1 as usize / BAND;
         let mut starts = vec![0; bands + 1];
-        dots.iter().for_each(|dot| starts[band(dot) + 1] += 1);
-        (0..bands).for_each(|band| starts[band + 1] += starts[band]);
+        for dot in dots {
+            starts[band(dot) + 1] += 1;
+        }
+        for band in 0..bands {
+            starts[band + 1] += starts[band];
+        }
         let mut places = starts.clone();
         let mut sorted = dots.to_vec();
         for dot in dots {
