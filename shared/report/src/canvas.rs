@@ -25,7 +25,7 @@ pub struct Dot {
     pub pixel: (u32, u32),
     /// Depth towards the eye, mm.
     pub depth_mm: f64,
-    /// Its colour, shaded.
+    /// Its colour after shading.
     pub colour: Rgb,
     /// Its deviation, mm; NaN where it has none.
     pub deviation_mm: f32,
@@ -46,15 +46,15 @@ pub struct Span {
 /// foremost point alone would be the one whose noise points towards the eye, and a deviation map would show that
 /// choice instead of the part.
 pub struct Canvas<'a> {
-    /// Columns.
+    /// Number of columns, px.
     pub width: usize,
-    /// Rows.
+    /// Number of rows, px.
     pub height: usize,
     /// Each point is drawn as this disc.
     pub disc: &'a [Span],
     /// Points so much behind the foremost one still belong to its surface.
     pub thickness_mm: f64,
-    /// Size of a pixel.
+    /// Size of a pixel, mm.
     pub mm_per_px: f64,
     /// What the colours mean.
     pub colouring: &'a Colouring<'a>,
