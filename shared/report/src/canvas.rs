@@ -93,27 +93,29 @@ impl Canvas<'_> {
     ///
     /// # Errors
     /// A size that no picture has.
-    pub fn draw(&self, dots: &[Dot]) -> Result<Raster, PictureError> {
+    pub fn draw(&self, mut dots: Vec<Dot>) -> Result<Raster, PictureError> {
         let mut raster = Raster::new(self.width, self.height, WHITE)?;
-        let sorted = Sorted::by_band(dots, self.height.div_ceil(BAND));
+        // Stable: dots of a row keep their order, and with it the sums their bits.
+        dots.sort_by_key(|dot| dot.pixel.1);
         let bands = raster.pixels.par_chunks_mut(BAND * self.width).enumerate().with_max_len(1);
         bands.for_each_init(Band::default, |band, (number, pixels)| {
             let first = number * BAND;
             let rows = first..first + pixels.len() / self.width;
-            self.band(band, &sorted, rows, pixels);
+            self.band(band, &dots, rows, pixels);
         });
         Ok(raster)
     }
 
-    fn band(&self, band: &mut Band, sorted: &Sorted, rows: Range<usize>, pixels: &mut [Rgb]) {
+    /// Draws some rows; the dots are in the order of their rows.
+    fn band(&self, band: &mut Band, dots: &[Dot], rows: Range<usize>, pixels: &mut [Rgb]) {
         let deep = rows.start.saturating_sub(REACH)..(rows.end + REACH).min(self.height);
         band.depth_mm.clear();
         band.depth_mm.resize(deep.len() * self.width, f64::NEG_INFINITY);
         band.sums.clear();
         band.sums.resize(rows.len() * self.width, Sum::default());
         let margin = self.disc.iter().map(|span| span.row).max().unwrap_or(0) as usize;
-        let reached = deep.start.saturating_sub(margin)..deep.end + margin;
-        for dot in sorted.of(&reached) {
+        let reaching = of_rows(dots, &(deep.start.saturating_sub(margin)..deep.end + margin));
+        for dot in reaching {
             for span in self.disc {
                 for foremost_mm in &mut band.depth_mm[self.pixels(dot, *span, &deep)] {
                     *foremost_mm = foremost_mm.max(dot.depth_mm);
@@ -121,7 +123,7 @@ impl Canvas<'_> {
             }
         }
         let own = &band.depth_mm[(rows.start - deep.start) * self.width..][..band.sums.len()];
-        for dot in sorted.of(&reached) {
+        for dot in reaching {
             for span in self.disc {
                 let pixels = self.pixels(dot, *span, &rows);
                 for (foremost_mm, sum) in own[pixels.clone()].iter().zip(&mut band.sums[pixels]) {
@@ -191,40 +193,10 @@ impl Canvas<'_> {
     }
 }
 
-/// The dots of each band side by side, in their order.
-struct Sorted {
-    dots: Vec<Dot>,
-    /// Where each band begins, and the end.
-    starts: Vec<usize>,
-}
-
-impl Sorted {
-    fn by_band(dots: &[Dot], bands: usize) -> Self {
-        let band = |dot: &Dot| dot.pixel.1 as usize / BAND;
-        let mut starts = vec![0; bands + 1];
-        for dot in dots {
-            starts[band(dot) + 1] += 1;
-        }
-        for band in 0..bands {
-            starts[band + 1] += starts[band];
-        }
-        let mut places = starts.clone();
-        let mut sorted = dots.to_vec();
-        for dot in dots {
-            let place = &mut places[band(dot)];
-            sorted[*place] = *dot;
-            *place += 1;
-        }
-        Self { dots: sorted, starts }
-    }
-
-    /// The dots of some rows, which may reach beyond the picture.
-    fn of(&self, rows: &Range<usize>) -> impl Iterator<Item = &Dot> {
-        let last = (rows.end - 1) / BAND;
-        let band = |number: usize| self.starts[number.min(self.starts.len() - 1)];
-        let near = &self.dots[band(rows.start / BAND)..band(last + 1)];
-        near.iter().filter(|dot| rows.contains(&(dot.pixel.1 as usize)))
-    }
+/// The dots of some rows; all dots are in the order of their rows.
+fn of_rows<'a>(dots: &'a [Dot], rows: &Range<usize>) -> &'a [Dot] {
+    let before = |row: usize| dots.partition_point(|dot| (dot.pixel.1 as usize) < row);
+    &dots[before(rows.start)..before(rows.end)]
 }
 
 #[cfg(test)]
@@ -253,16 +225,17 @@ mod tests {
         let disc: Vec<Span> =
             [(-2, 0), (-1, 2), (0, 2), (1, 2), (2, 0)].map(|(row, reach)| Span { row, reach }).to_vec();
         let dots = dots(width as u32, height as u32);
+        let mut sorted = dots.clone();
+        sorted.sort_by_key(|dot| dot.pixel.1);
         for colouring in [Colouring::Normal, Colouring::Deviation { values: &[], half_range_mm: 0.01 }] {
             let colouring = &colouring;
             let canvas = Canvas { width, height, disc: &disc, thickness_mm: 3.0, mm_per_px: 0.1, colouring };
             let mut whole = Raster::new(width, height, WHITE).unwrap();
-            let sorted = Sorted::by_band(&dots, height.div_ceil(BAND));
             canvas.band(&mut Band::default(), &sorted, 0..height, &mut whole.pixels);
             assert!(whole.pixels.iter().any(|pixel| *pixel != WHITE));
             for threads in [1, 3] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                assert_eq!(pool.install(|| canvas.draw(&dots)).unwrap(), whole, "{threads} threads");
+                assert_eq!(pool.install(|| canvas.draw(dots.clone())).unwrap(), whole, "{threads} threads");
             }
         }
     }

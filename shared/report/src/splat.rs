@@ -18,9 +18,6 @@ const OVERSAMPLING: usize = 2;
 /// Free border of the picture, as a part of each side.
 const BORDER: f64 = 0.06;
 
-/// Points that a thread places at a time.
-const PIECE: usize = 16_384;
-
 /// Largest radius of a drawn point, drawn pixels: a sparse cloud shall look sparse.
 const MAX_RADIUS: f64 = 6.0;
 
@@ -110,27 +107,21 @@ pub fn render(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Resul
     let placement = Placement::fit(points, &axes, width, height);
     let disc = disc(placement.radius);
     let lamp = (axes[2] * 0.75 + axes[1] * 0.5 - axes[0] * 0.43).normalize();
-    let pieces: Vec<Vec<Dot>> = points
-        .par_chunks(PIECE)
-        .enumerate()
-        .map(|(piece, points)| {
-            let dot = |(i, point): (usize, &Point)| {
-                let (pixel, depth_mm) = placement.place(point, &axes)?;
-                let colour = shaded(base_colour(i, point, colouring), point, &axes[2], &lamp);
-                let deviation_mm = deviations.get(i).copied().unwrap_or(f32::NAN);
-                Some(Dot { pixel, depth_mm, colour, deviation_mm })
-            };
-            (piece * PIECE..).zip(points).filter_map(dot).collect()
-        })
-        .collect();
-    let dots = pieces.concat();
+    let dot = |(i, point): (usize, &Point)| {
+        let (pixel, depth_mm) = placement.place(point, &axes)?;
+        let colour = shaded(base_colour(i, point, colouring), point, &axes[2], &lamp);
+        let deviation_mm = deviations.get(i).copied().unwrap_or(f32::NAN);
+        Some(Dot { pixel, depth_mm, colour, deviation_mm })
+    };
+    let dots: Vec<Dot> = points.par_iter().enumerate().filter_map(dot).collect();
     let (thickness_mm, mm_per_px) = (placement.thickness_mm(), placement.mm_per_px);
     let canvas = Canvas { width, height, disc: &disc, thickness_mm, mm_per_px, colouring };
+    let drawn = dots.len();
     Ok(Rendered {
-        raster: canvas.draw(&dots)?.reduced(OVERSAMPLING)?,
+        raster: canvas.draw(dots)?.reduced(OVERSAMPLING)?,
         mm_per_px: mm_per_px * OVERSAMPLING as f64,
         axes: [0, 1, 2].map(|k| [axes[0][k], -axes[1][k]]),
-        drawn: dots.len(),
+        drawn,
     })
 }
 
