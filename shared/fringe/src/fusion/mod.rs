@@ -93,6 +93,8 @@ pub struct Fuser {
     kept_starts: Vec<usize>,
     /// Whether a point stays, for the points of all clouds.
     keep: Vec<bool>,
+    /// Those that do not, by their places among the points of all clouds, in order.
+    gone: Vec<u32>,
     per_cloud: Vec<Cells>,
     spacings: Vec<f64>,
     distances: Vec<Distances>,
@@ -265,12 +267,17 @@ impl Fuser {
 
     /// Takes the points that went out of the search.
     fn remove(&mut self, clouds: &[&[Point]], grid: &Grid) {
+        clear_and_reserve(&mut self.gone, count(clouds) - self.report.points as usize);
         for (piece, start) in self.pieces.iter().zip(&self.starts) {
             if piece.kept == piece.end - piece.first {
                 continue;
             }
             for (offset, point) in piece.points(clouds).iter().enumerate() {
-                if !self.keep[start + offset] && is_finite(point) {
+                if self.keep[start + offset] {
+                    continue;
+                }
+                self.gone.push((start + offset) as u32);
+                if is_finite(point) {
                     let index = (piece.first + offset) as u32;
                     self.per_cloud[piece.cloud].remove(grid, &point.position_mm, index);
                 }
@@ -329,14 +336,10 @@ impl Fuser {
         for Raised { cell: (cloud, cell), excess_mm2 } in &self.raised {
             let first = self.pieces.partition_point(|piece| piece.cloud < *cloud);
             for index in self.per_cloud[*cloud].points(*cell) {
-                let (number, offset) = (first + index / PIECE, index % PIECE);
-                let piece = &self.pieces[number];
-                let before = &self.keep[self.starts[number]..][..=offset];
-                if before[offset] {
-                    // Where all of a piece stay, as nearly everywhere, nothing is counted.
-                    let all = piece.kept == piece.end - piece.first;
-                    let place = if all { offset } else { before.iter().filter(|keep| **keep).count() - 1 };
-                    let point = &mut out[self.kept_starts[number] + place];
+                let place = self.starts[first + index / PIECE] + index % PIECE;
+                if self.keep[place] {
+                    let before = self.gone.partition_point(|gone| (*gone as usize) < place);
+                    let point = &mut out[place - before];
                     // What parts the pairs may be the same all over a face.
                     for part in [&mut point.sigma_mm, &mut point.shared_mm] {
                         *part = (f64::from(*part).powi(2) + excess_mm2).sqrt() as f32;

@@ -4,7 +4,7 @@ use super::Overlap;
 use super::cells::Cells;
 use super::disagreement::Compared;
 use super::grid::Grid;
-use super::near::{Beside, Near};
+use super::near::{Beside, Frame, Near};
 use super::sites::Place;
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
@@ -52,7 +52,11 @@ impl Distances {
             let Some((number, compared)) = numbered.next() else { return };
             *compared = Compared::default();
             if number.is_multiple_of(nearness.every) && runs.iter().any(|run| !run.is_empty()) {
-                vectorised!(level, distances.add_cell((own, other), (sites, runs), near, nearness, compared));
+                let frame = Frame::new(grid.middle_mm(own.key(number)), nearness.radius_mm);
+                vectorised!(
+                    level,
+                    distances.add_cell((own, other), (sites, runs), (near, &frame), nearness, compared)
+                );
             }
         });
         distances
@@ -64,15 +68,14 @@ impl Distances {
         &mut self,
         (own, other): (&Cells, &Cells),
         (sites, runs): (Range<usize>, &[Range<usize>; 9]),
-        near: &mut Near,
+        (near, frame): (&mut Near, &Frame),
         nearness: &Nearness,
         compared: &mut Compared,
     ) {
-        let limit_mm2 = nearness.radius_mm * nearness.radius_mm;
-        near.take(&other.sites, runs);
+        near.take(&other.sites, runs, frame);
         for site in sites {
-            let Some(place) = own.sites.place(site, limit_mm2, nearness.cosine) else { continue };
-            self.add_point(&place, &near.beside(&place), nearness, compared);
+            let Some(place) = own.sites.place(site, nearness.cosine as f32) else { continue };
+            self.add_point(&place, &near.beside(&place, frame), nearness, compared);
         }
     }
 
@@ -80,8 +83,9 @@ impl Distances {
     fn add_point(&mut self, place: &Place, beside: &Beside, nearness: &Nearness, compared: &mut Compared) {
         let [count, distance, variance] = beside.sums();
         if count >= f64::from(nearness.fewest.max(1)) {
-            let distance = 0.5 * distance / count;
-            let u2 = place.sigma_mm * place.sigma_mm + variance / (count * count);
+            let radius_mm = nearness.radius_mm;
+            let distance = 0.5 * radius_mm * distance / count;
+            let u2 = place.sigma_mm * place.sigma_mm + radius_mm * radius_mm * variance / (count * count);
             self.add(distance, u2.sqrt());
             compared.add(distance, u2, nearness.radius_mm);
         }

@@ -19,13 +19,11 @@ pub(super) struct Sites {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     pub position_mm: [f64; 3],
-    pub normal: [f64; 3],
+    pub normal: [f32; 3],
     /// Standard uncertainty of the point, mm.
     pub sigma_mm: f64,
-    /// Largest squared distance, mm².
-    pub limit_mm2: f64,
     /// Smallest cosine of the normals.
-    pub cosine: f64,
+    pub cosine: f32,
 }
 
 impl Sites {
@@ -61,16 +59,11 @@ impl Sites {
 
     /// A site as one that asks for others; `None` where it has no normal.
     #[inline(always)]
-    pub fn place(&self, site: usize, limit_mm2: f64, cosine: f64) -> Option<Place> {
-        let normal = [0, 1, 2].map(|axis| f64::from(self.normal[axis][site]));
+    pub fn place(&self, site: usize, cosine: f32) -> Option<Place> {
+        let [x, y, z] = &self.normal;
+        let normal = [x[site], y[site], z[site]];
         let sigma_mm = f64::from(self.sigma_mm[site]);
-        (normal != [0.0; 3]).then(|| Place {
-            position_mm: self.position_mm(site),
-            normal,
-            sigma_mm,
-            limit_mm2,
-            cosine,
-        })
+        (normal != [0.0; 3]).then(|| Place { position_mm: self.position_mm(site), normal, sigma_mm, cosine })
     }
 }
 

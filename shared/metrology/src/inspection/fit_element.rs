@@ -106,21 +106,41 @@ pub(super) fn choose(
     let mut without_normals = 0;
     let mut stretch = Stretch::new();
     for (first, numbers) in (0..).step_by(STRETCH).zip(nearby.numbers().chunks(STRETCH)) {
-        nearby.place(numbers, motion, &mut stretch);
-        let held = stretch.held(region);
-        without_normals += held.count_ones() as usize;
-        for (k, number) in numbers.iter().enumerate().filter(|(k, _)| held >> k & 1 == 1) {
-            let (position, point) = (stretch.position(k), nearby.point(*number));
-            if region.holds_normal(&position, &nearby.normal(point, motion)) {
-                chosen.push(first + k, position, point);
-            }
-        }
+        without_normals += held(region, (nearby, motion), numbers, &mut stretch, |k, position, point| {
+            chosen.push(first + k, position, point);
+        });
     }
     if chosen.positions.len() >= needs {
         return Ok(chosen);
     }
     let (element, points) = (element.name.clone(), chosen.positions.len());
     Err(MeasureError::TooFewPoints { element, points, without_normals, needs })
+}
+
+/// Takes the points of a stretch that belong to a region, after a motion; how many lie in it whatever their normals.
+fn held(
+    region: &Region,
+    (nearby, motion): (&Nearby, Option<&Pose>),
+    numbers: &[u32],
+    stretch: &mut Stretch,
+    mut take: impl FnMut(usize, Vector3<f64>, &Point),
+) -> usize {
+    nearby.place(numbers, motion, stretch);
+    let inside = stretch.held(region);
+    if inside == 0 {
+        return 0;
+    }
+    let mut held = inside;
+    if region.cos_normal().is_some() {
+        nearby.turn(numbers, motion, stretch);
+        held &= stretch.facing(region);
+    }
+    while held != 0 {
+        let k = held.trailing_zeros() as usize;
+        take(k, stretch.position(k), nearby.point(numbers[k]));
+        held &= held - 1;
+    }
+    inside.count_ones() as usize
 }
 
 /// Refuses points of which too few differ: a fit through the others would leave no residual, and seem exact.
@@ -233,16 +253,21 @@ pub(super) fn thinned(
     (nearby, motion): (&Nearby, Option<&Pose>),
     (needs, most): (usize, usize),
 ) -> Result<Vec<Point3<f64>>, MeasureError> {
-    let held = |place: usize| {
-        let [position, normal] = nearby.placed(place, motion);
-        let holds = region.holds_position(&position) && region.holds_normal(&position, &normal);
-        holds.then_some(Point3::from(position))
-    };
     let spread = Spread::of(nearby.len(), most);
-    let mut thin = Vec::with_capacity(nearby.len().div_ceil(spread.stretch()));
-    thin.extend(spread.indices().filter_map(held));
+    let numbers: Vec<u32> = spread.indices().map(|place| nearby.numbers()[place]).collect();
+    let mut thin = Vec::with_capacity(numbers.len());
+    let mut stretch = Stretch::new();
+    for numbers in numbers.chunks(STRETCH) {
+        held(region, (nearby, motion), numbers, &mut stretch, |_, position, _| {
+            thin.push(Point3::from(position));
+        });
+    }
     // Counted only as far as it must be.
-    let enough = || (0..nearby.len()).filter_map(held).take(needs).count() == needs;
+    let is_held = |place: &usize| {
+        let [position, normal] = nearby.placed(*place, motion);
+        region.holds_position(&position) && region.holds_normal(&position, &normal)
+    };
+    let enough = || (0..nearby.len()).filter(is_held).take(needs).count() == needs;
     if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {
         return Ok(thin);
     }

@@ -57,6 +57,15 @@ impl<'a> Nearby<'a> {
             stretch.transform(motion);
         }
     }
+
+    /// Takes the normals of points that were placed, in the part frame, after a motion.
+    pub fn turn(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
+        stretch.fill_normals(numbers.iter().map(|number| self.point(*number).normal_vector()));
+        stretch.turn(&self.part_from_world);
+        if let Some(motion) = motion {
+            stretch.turn(motion);
+        }
+    }
 }
 
 /// One pass over a cloud: the points near each region, in the part frame, in the order of the cloud.

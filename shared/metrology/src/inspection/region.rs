@@ -34,6 +34,18 @@ impl Region {
         Self { geometry, margin_mm, cos_normal: None }
     }
 
+    /// The same where normals count, whose cosine is at least this.
+    #[cfg(test)]
+    pub fn looking_at_normals(mut self, cos_normal: f64) -> Self {
+        self.cos_normal = Some(cos_normal);
+        self
+    }
+
+    /// Smallest cosine between normals; `None` where they are not looked at.
+    pub fn cos_normal(&self) -> Option<f64> {
+        self.cos_normal
+    }
+
     /// About a fitted sphere.
     #[must_use]
     pub fn about_sphere(mut self, fit: &SphereFit) -> Self {

@@ -1,4 +1,4 @@
-//! Some points in a row, eight side by side: where they lie, and which of them a region holds.
+//! Some points in a row, eight side by side: where they lie, how their surface turns, and which of them a region holds.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f64x8, mask64x8};
@@ -18,13 +18,16 @@ const LANES: usize = 8;
 pub(super) struct Stretch {
     level: Level,
     places: [[f64; STRETCH]; 3],
+    /// Unit normals, zero where a point has none; only where they were asked for.
+    normals: [[f64; STRETCH]; 3],
     count: usize,
 }
 
 impl Stretch {
     /// For points that are still to come.
     pub fn new() -> Self {
-        Self { level: Level::new(), places: [[0.0; STRETCH]; 3], count: 0 }
+        let nothing = [[0.0; STRETCH]; 3];
+        Self { level: Level::new(), places: nothing, normals: nothing, count: 0 }
     }
 
     /// Takes up to 32 positions, one at least.
@@ -39,6 +42,20 @@ impl Stretch {
             let first = row[0];
             row[self.count..].fill(first);
         }
+    }
+
+    /// Takes the normals of the points whose positions it has.
+    pub fn fill_normals(&mut self, normals: impl Iterator<Item = Vector3<f64>>) {
+        for (k, normal) in normals.take(self.count).enumerate() {
+            for axis in 0..3 {
+                self.normals[axis][k] = normal[axis];
+            }
+        }
+    }
+
+    /// Turns the normals into another frame.
+    pub fn turn(&mut self, motion: &Pose) {
+        dispatch!(self.level, simd => turn_with(simd, motion, &mut self.normals));
     }
 
     /// Takes up to 32 points, one at least, in another frame.
@@ -80,6 +97,53 @@ impl Stretch {
                 }
                 _ => self.one_by_one(region),
             }
+    }
+
+    /// The points whose normals fit the surface of a region, a bit each, the first one lowest; of points that the region does not hold it may say
+    /// anything.
+    pub fn facing(&self, region: &Region) -> u32 {
+        let Some(limit) = region.cos_normal() else { return u32::MAX };
+        match &region.geometry {
+            Geometry::Sphere { center_mm, .. } => {
+                dispatch!(self.level, simd => self.faces_out(simd, center_mm, limit))
+            }
+            Geometry::Plane { normal, .. } => {
+                dispatch!(self.level, simd => self.faces_along(simd, normal, limit))
+            }
+            _ => {
+                let [x, y, z] = &self.normals;
+                let fits =
+                    |k: &usize| region.holds_normal(&self.position(*k), &Vector3::new(x[*k], y[*k], z[*k]));
+                (0..self.count).filter(fits).fold(0, |facing, k| facing | 1 << k)
+            }
+        }
+    }
+
+    /// Normals within an angle of the direction from a centre.
+    #[inline(always)]
+    fn faces_out<S: Simd>(&self, simd: S, center_mm: &Point3<f64>, limit: f64) -> u32 {
+        let mut facing = 0;
+        for block in 0..STRETCH / LANES {
+            let arm = self.arms(simd, block, center_mm);
+            let length = (arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]).sqrt();
+            let normal = block_of(simd, &self.normals, block);
+            let along = normal[0] * arm[0] + normal[1] * arm[1] + normal[2] * arm[2];
+            facing |= (bits(along.simd_ge(length * limit)) & there(simd, &normal)) << (block * LANES);
+        }
+        facing
+    }
+
+    /// Normals within an angle of a direction.
+    #[inline(always)]
+    fn faces_along<S: Simd>(&self, simd: S, direction: &Vector3<f64>, limit: f64) -> u32 {
+        let mut facing = 0;
+        for block in 0..STRETCH / LANES {
+            let normal = block_of(simd, &self.normals, block);
+            let along = dot(&normal, direction);
+            let least = f64x8::splat(simd, limit);
+            facing |= (bits(along.simd_ge(least)) & there(simd, &normal)) << (block * LANES);
+        }
+        facing
     }
 
     fn one_by_one(&self, region: &Region) -> u32 {
@@ -141,13 +205,8 @@ impl Stretch {
     /// From a place to some positions, mm.
     #[inline(always)]
     fn arms<S: Simd>(&self, simd: S, block: usize, from: &Point3<f64>) -> [f64x8<S>; 3] {
-        let start = block * LANES;
-        let [x, y, z] = &self.places;
-        [
-            f64x8::from_slice(simd, &x[start..start + LANES]) - from.x,
-            f64x8::from_slice(simd, &y[start..start + LANES]) - from.y,
-            f64x8::from_slice(simd, &z[start..start + LANES]) - from.z,
-        ]
+        let [x, y, z] = block_of(simd, &self.places, block);
+        [x - from.x, y - from.y, z - from.z]
     }
 
     #[inline(always)]
@@ -180,6 +239,34 @@ impl Stretch {
             }
         }
     }
+}
+
+/// Turns vectors into another frame.
+#[inline(always)]
+fn turn_with<S: Simd>(simd: S, motion: &Pose, vectors: &mut [[f64; STRETCH]; 3]) {
+    let rotation = &motion.rotation;
+    for block in 0..STRETCH / LANES {
+        let [x, y, z] = block_of(simd, vectors, block);
+        for (axis, row) in vectors.iter_mut().enumerate() {
+            let turned = rotation[(axis, 0)] * x + rotation[(axis, 1)] * y + rotation[(axis, 2)] * z;
+            row[block * LANES..][..LANES].copy_from_slice(turned.as_slice());
+        }
+    }
+}
+
+/// Eight vectors, coordinate by coordinate.
+#[inline(always)]
+fn block_of<S: Simd>(simd: S, [x, y, z]: &[[f64; STRETCH]; 3], block: usize) -> [f64x8<S>; 3] {
+    let part = block * LANES..(block + 1) * LANES;
+    let of = |row: &[f64; STRETCH]| f64x8::from_slice(simd, &row[part.clone()]);
+    [of(x), of(y), of(z)]
+}
+
+/// Vectors that are not zero, a bit each.
+#[inline(always)]
+fn there<S: Simd>(simd: S, [x, y, z]: &[f64x8<S>; 3]) -> u32 {
+    let nothing = f64x8::splat(simd, 0.0);
+    !(bits(x.simd_eq(nothing)) & bits(y.simd_eq(nothing)) & bits(z.simd_eq(nothing)))
 }
 
 #[inline(always)]
@@ -234,7 +321,7 @@ mod tests {
             rotation: *Rotation3::from_euler_angles(0.3, -0.7, 1.9).matrix(),
             translation: Vector3::new(0.1, -0.2, 0.3),
         };
-        let (mut stretch, mut held) = (Stretch::new(), vec![0; geometries().len()]);
+        let (mut stretch, mut held, mut facing) = (Stretch::new(), vec![0; geometries().len()], 0);
         for round in 0..2000 {
             let count = 1 + round % STRETCH;
             let random =
@@ -243,6 +330,14 @@ mod tests {
             let mut points: Vec<Vector3<f64>> = (0..count).map(place).collect();
             if round % 50 == 0 {
                 points[0].x = f64::NAN;
+            }
+            let mut normals: Vec<Vector3<f64>> = (0..count)
+                .map(|k| Vector3::from_fn(|axis, _| random(k + STRETCH, axis)).normalize())
+                .collect();
+            match round % 3 {
+                0 => normals[count / 2] = Vector3::zeros(),
+                1 => normals[count - 1].y = f64::NAN,
+                _ => {}
             }
             stretch.fill(points.iter().copied());
             stretch.transform(&motion);
@@ -256,8 +351,21 @@ mod tests {
                 let expected = (0..count).filter(holds).fold(0_u32, |bits, k| bits | 1 << k);
                 assert_eq!(stretch.held(&region), expected, "{region:?}");
                 *sum += expected.count_ones();
+                facing += normals_tell(&mut stretch, &motion, &region.looking_at_normals(0.3), &normals);
             }
         }
         assert!(held.iter().all(|sum| *sum > 100), "{held:?}");
+        assert!(facing > 1000, "{facing}");
+    }
+
+    /// Compares what the normals of a stretch tell with what each tells by itself; how many fit the surface.
+    fn normals_tell(stretch: &mut Stretch, motion: &Pose, region: &Region, normals: &[Vector3<f64>]) -> u32 {
+        stretch.fill_normals(normals.iter().copied());
+        stretch.turn(motion);
+        let fits = |k: &usize| region.holds_normal(&stretch.position(*k), &(motion.rotation * normals[*k]));
+        let expected = (0..normals.len()).filter(fits).fold(0_u32, |bits, k| bits | 1 << k);
+        let all = u32::MAX >> (STRETCH - normals.len());
+        assert_eq!(stretch.facing(region) & all, expected, "{region:?}");
+        expected.count_ones()
     }
 }
