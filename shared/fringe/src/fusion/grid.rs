@@ -87,14 +87,6 @@ impl Grid {
         (cell(0) << (self.bits[1] + self.bits[2])) | (cell(1) << self.bits[2]) | cell(2)
     }
 
-    /// Middle of the cell of a key, mm.
-    pub fn middle_mm(&self, key: u64) -> [f64; 3] {
-        let [_, y, z] = self.bits;
-        let cell = [key >> (y + z), (key >> z) & ((1 << y) - 1), key & ((1 << z) - 1)];
-        // The first cell has the number 1.
-        [0, 1, 2].map(|axis| self.origin_mm[axis] + (cell[axis] as f64 - 0.5) / self.per_mm)
-    }
-
     /// Keys of the middle cells of the N rows (along z) around a cell, 9 or 25, less its own key.
     pub fn row_offsets<const N: usize>(&self) -> [i64; N] {
         let edge = N.isqrt() as i64;

@@ -22,10 +22,10 @@ pub(super) struct Beside {
 
 /// Sites of some runs, one after another: of runs of nine sites, as a surface has them in a cell, every second step would be all but empty.
 ///
-/// They lie some radii from the cell that asks, so that single precision tells their places to a ten-millionth of the radius.
+/// They lie some radii from the points that ask, so that single precision tells their places to a ten-millionth of the radius.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Near {
-    /// From the middle of the cell, in radii.
+    /// From a point of the cell that asks, in radii.
     position: [Vec<f32>; 3],
     normal: [Vec<f32>; 3],
     /// In radii².
@@ -42,7 +42,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// From a middle, in radii of so many mm.
+    /// From a place, in radii of so many mm.
     pub fn new(middle_mm: [f64; 3], radius_mm: f64) -> Self {
         Self { middle_mm, per_mm: 1.0 / radius_mm }
     }

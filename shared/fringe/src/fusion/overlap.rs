@@ -52,11 +52,7 @@ impl Distances {
             let Some((number, compared)) = numbered.next() else { return };
             *compared = Compared::default();
             if number.is_multiple_of(nearness.every) && runs.iter().any(|run| !run.is_empty()) {
-                let frame = Frame::new(grid.middle_mm(own.key(number)), nearness.radius_mm);
-                vectorised!(
-                    level,
-                    distances.add_cell((own, other), (sites, runs), (near, &frame), nearness, compared)
-                );
+                vectorised!(level, distances.add_cell((own, other), (sites, runs), near, nearness, compared));
             }
         });
         distances
@@ -68,14 +64,17 @@ impl Distances {
         &mut self,
         (own, other): (&Cells, &Cells),
         (sites, runs): (Range<usize>, &[Range<usize>; 9]),
-        (near, frame): (&mut Near, &Frame),
+        near: &mut Near,
         nearness: &Nearness,
         compared: &mut Compared,
     ) {
-        near.take(&other.sites, runs, frame);
+        // Where a point far off makes cells of all the world, their middle is far from everything.
+        let Some(middle_mm) = own.sites.first_position_mm(sites.clone()) else { return };
+        let frame = Frame::new(middle_mm, nearness.radius_mm);
+        near.take(&other.sites, runs, &frame);
         for site in sites {
             let Some(place) = own.sites.place(site, nearness.cosine as f32) else { continue };
-            self.add_point(&place, &near.beside(&place, frame), nearness, compared);
+            self.add_point(&place, &near.beside(&place, &frame), nearness, compared);
         }
     }
 

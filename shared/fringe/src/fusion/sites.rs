@@ -3,6 +3,7 @@
 use super::buffers::clear_and_reserve;
 use super::cells::Run;
 use crate::cloud::Point;
+use std::ops::Range;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
 pub(super) const LANES: usize = 8;
@@ -55,6 +56,11 @@ impl Sites {
     #[inline]
     pub fn position_mm(&self, site: usize) -> [f64; 3] {
         [self.position_mm[0][site], self.position_mm[1][site], self.position_mm[2][site]]
+    }
+
+    /// Position of the first of some sites that lies anywhere, mm.
+    pub fn first_position_mm(&self, mut sites: Range<usize>) -> Option<[f64; 3]> {
+        sites.find(|site| self.position_mm[0][*site].is_finite()).map(|site| self.position_mm(site))
     }
 
     /// A site as one that asks for others; `None` where it has no normal.

@@ -106,7 +106,7 @@ pub(super) fn choose(
     let mut without_normals = 0;
     let mut stretch = Stretch::new();
     for (first, numbers) in (0..).step_by(STRETCH).zip(nearby.numbers().chunks(STRETCH)) {
-        without_normals += held(region, (nearby, motion), numbers, &mut stretch, |k, position, point| {
+        without_normals += nearby.each_held(region, (numbers, motion), &mut stretch, |k, position, point| {
             chosen.push(first + k, position, point);
         });
     }
@@ -115,32 +115,6 @@ pub(super) fn choose(
     }
     let (element, points) = (element.name.clone(), chosen.positions.len());
     Err(MeasureError::TooFewPoints { element, points, without_normals, needs })
-}
-
-/// Takes the points of a stretch that belong to a region, after a motion; how many lie in it whatever their normals.
-fn held(
-    region: &Region,
-    (nearby, motion): (&Nearby, Option<&Pose>),
-    numbers: &[u32],
-    stretch: &mut Stretch,
-    mut take: impl FnMut(usize, Vector3<f64>, &Point),
-) -> usize {
-    nearby.place(numbers, motion, stretch);
-    let inside = stretch.held(region);
-    if inside == 0 {
-        return 0;
-    }
-    let mut held = inside;
-    if region.cos_normal().is_some() {
-        nearby.turn(numbers, motion, stretch);
-        held &= stretch.facing(region);
-    }
-    while held != 0 {
-        let k = held.trailing_zeros() as usize;
-        take(k, stretch.position(k), nearby.point(numbers[k]));
-        held &= held - 1;
-    }
-    inside.count_ones() as usize
 }
 
 /// Refuses points of which too few differ: a fit through the others would leave no residual, and seem exact.
@@ -258,7 +232,7 @@ pub(super) fn thinned(
     let mut thin = Vec::with_capacity(numbers.len());
     let mut stretch = Stretch::new();
     for numbers in numbers.chunks(STRETCH) {
-        held(region, (nearby, motion), numbers, &mut stretch, |_, position, _| {
+        nearby.each_held(region, (numbers, motion), &mut stretch, |_, position, _| {
             thin.push(Point3::from(position));
         });
     }

@@ -49,8 +49,31 @@ impl<'a> Nearby<'a> {
         motion.map_or(normal, |motion| motion.rotation * normal)
     }
 
-    /// Places some of them in the part frame, after a motion.
-    pub fn place(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
+    /// Calls `take` with those of some of them, a stretch, that belong to a region, after a motion: place in the stretch, position in the part
+    /// frame, point. Tells how many lie in the region, whatever their normals.
+    pub fn each_held(
+        &self,
+        region: &Region,
+        (numbers, motion): (&[u32], Option<&Pose>),
+        stretch: &mut Stretch,
+        mut take: impl FnMut(usize, Vector3<f64>, &Point),
+    ) -> usize {
+        self.place(numbers, motion, stretch);
+        let inside = stretch.held(region);
+        let mut held = inside;
+        if inside != 0 && region.cos_normal().is_some() {
+            self.turn(numbers, motion, stretch);
+            held &= stretch.facing(region);
+        }
+        while held != 0 {
+            let k = held.trailing_zeros() as usize;
+            take(k, stretch.position(k), self.point(numbers[k]));
+            held &= held - 1;
+        }
+        inside.count_ones() as usize
+    }
+
+    fn place(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
         stretch.fill(numbers.iter().map(|number| Vector3::from(self.point(*number).position_mm)));
         stretch.transform(&self.part_from_world);
         if let Some(motion) = motion {
@@ -58,8 +81,8 @@ impl<'a> Nearby<'a> {
         }
     }
 
-    /// Takes the normals of points that were placed, in the part frame, after a motion.
-    pub fn turn(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
+    /// Takes the normals of the points that were placed.
+    fn turn(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
         stretch.fill_normals(numbers.iter().map(|number| self.point(*number).normal_vector()));
         stretch.turn(&self.part_from_world);
         if let Some(motion) = motion {
