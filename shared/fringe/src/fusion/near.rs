@@ -1,4 +1,4 @@
-//! What lies beside a place on another surface: sums over the sites around it, eight of them side by side.
+//! What lies beside a place on another surface: sums over the sites around it, sixteen of them side by side.
 
 use super::sites::{LANES, Place, Sites};
 use crate::math::simd::taken;
@@ -28,7 +28,7 @@ pub(super) struct Near {
     /// From a point of the cell that asks, in radii.
     position: [Vec<f32>; 3],
     normal: [Vec<f32>; 3],
-    /// In radii².
+    /// Squared standard uncertainties, radii².
     variance: Vec<f32>,
     steps: usize,
 }
@@ -36,15 +36,15 @@ pub(super) struct Near {
 /// Where the sites of a cell are seen from.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
-    middle_mm: [f64; 3],
-    /// Radii per mm.
+    origin_mm: [f64; 3],
+    /// How many radii a millimetre is.
     per_mm: f64,
 }
 
 impl Frame {
     /// From a place, in radii of so many mm.
-    pub fn new(middle_mm: [f64; 3], radius_mm: f64) -> Self {
-        Self { middle_mm, per_mm: 1.0 / radius_mm }
+    pub fn new(origin_mm: [f64; 3], radius_mm: f64) -> Self {
+        Self { origin_mm, per_mm: 1.0 / radius_mm }
     }
 
     /// Coordinates along an axis as they are seen from here.
@@ -52,7 +52,7 @@ impl Frame {
     fn seen<const N: usize>(&self, axis: usize, places_mm: [f64; N]) -> [f32; N] {
         let mut out = [0.0; N];
         for (out, place_mm) in out.iter_mut().zip(places_mm) {
-            *out = ((place_mm - self.middle_mm[axis]) * self.per_mm) as f32;
+            *out = ((place_mm - self.origin_mm[axis]) * self.per_mm) as f32;
         }
         out
     }

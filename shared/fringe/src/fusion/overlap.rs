@@ -69,8 +69,8 @@ impl Distances {
         compared: &mut Compared,
     ) {
         // Where a point far off makes cells of all the world, their middle is far from everything.
-        let Some(middle_mm) = own.sites.first_position_mm(sites.clone()) else { return };
-        let frame = Frame::new(middle_mm, nearness.radius_mm);
+        let Some(origin_mm) = own.sites.first_position_mm(sites.clone()) else { return };
+        let frame = Frame::new(origin_mm, nearness.radius_mm);
         near.take(&other.sites, runs, &frame);
         for site in sites {
             let Some(place) = own.sites.place(site, nearness.cosine as f32) else { continue };
