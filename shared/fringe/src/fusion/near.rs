@@ -1,4 +1,4 @@
-//! What lies beside a place on another surface: sums over the sites around it, sixteen of them side by side.
+//! What lies beside a place on another surface: sums over the sites around it, eight of them side by side.
 
 use super::sites::{LANES, Place, Sites};
 use crate::math::simd::taken;
@@ -7,67 +7,35 @@ use std::ops::Range;
 /// Memory grows by so many sites, twice what a cell of a surface has around it: cycles are alike, and nothing grows after the first ones.
 const ROOM: usize = 256;
 
-/// Sites that one step of the sums takes side by side. It fixes the order of the sums, and so their bits.
-const SIDE: usize = 2 * LANES;
-
 /// What a point has around it on another surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Beside {
-    count: [f32; SIDE],
-    /// Σ (n + n′)·(p − p′), in radii.
-    distance: [f32; SIDE],
-    /// Sum of the variances, Σ σ′², radii².
-    variance: [f32; SIDE],
+    count: [f64; LANES],
+    /// Σ (n + n′)·(p − p′), mm.
+    distance: [f64; LANES],
+    /// Sum of the variances, Σ σ′², mm².
+    variance: [f64; LANES],
 }
 
 /// Sites of some runs, one after another: of runs of nine sites, as a surface has them in a cell, every second step would be all but empty.
-///
-/// They lie some radii from the points that ask, so that single precision tells their places to a ten-millionth of the radius.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Near {
-    /// From a point of the cell that asks, in radii.
-    position: [Vec<f32>; 3],
-    normal: [Vec<f32>; 3],
-    /// Squared standard uncertainties, radii².
-    variance: Vec<f32>,
+    position_mm: [Vec<f64>; 3],
+    normal: [Vec<f64>; 3],
+    variance_mm2: Vec<f64>,
     steps: usize,
-}
-
-/// Where the sites of a cell are seen from.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
-    origin_mm: [f64; 3],
-    /// How many radii a millimetre is.
-    per_mm: f64,
-}
-
-impl Frame {
-    /// From a place, in radii of so many mm.
-    pub fn new(origin_mm: [f64; 3], radius_mm: f64) -> Self {
-        Self { origin_mm, per_mm: 1.0 / radius_mm }
-    }
-
-    /// Coordinates along an axis as they are seen from here.
-    #[inline(always)]
-    fn seen<const N: usize>(&self, axis: usize, places_mm: [f64; N]) -> [f32; N] {
-        let mut out = [0.0; N];
-        for (out, place_mm) in out.iter_mut().zip(places_mm) {
-            *out = ((place_mm - self.origin_mm[axis]) * self.per_mm) as f32;
-        }
-        out
-    }
 }
 
 impl Near {
     /// Takes the sites of some runs in their order.
     #[inline(always)]
-    pub fn take(&mut self, sites: &Sites, runs: &[Range<usize>], frame: &Frame) {
+    pub fn take(&mut self, sites: &Sites, runs: &[Range<usize>]) {
         let count = runs.iter().map(ExactSizeIterator::len).sum::<usize>();
-        self.steps = count.div_ceil(SIDE);
+        self.steps = count.div_ceil(LANES);
         // Whole steps are copied, and what is too much is written over; the last run's, and a part of a step, lie nowhere.
-        let entries = count + LANES + SIDE;
-        let lists = self.position.iter_mut().chain(&mut self.normal);
-        for list in lists.chain([&mut self.variance]) {
+        let entries = count + 2 * LANES;
+        let lists = self.position_mm.iter_mut().chain(&mut self.normal);
+        for list in lists.chain([&mut self.variance_mm2]) {
             if list.len() < entries {
                 list.resize(entries.next_multiple_of(ROOM), 0.0);
             }
@@ -77,40 +45,38 @@ impl Near {
             for step in 0..run.len().div_ceil(LANES) {
                 let (from, to) = (run.start + step * LANES, at + step * LANES);
                 for axis in 0..3 {
-                    let places = taken::<_, LANES>(&sites.position_mm[axis], from);
-                    put(&mut self.position[axis], to, frame.seen(axis, places));
-                    put::<LANES>(&mut self.normal[axis], to, taken(&sites.normal[axis], from));
+                    put(&mut self.position_mm[axis], to, taken(&sites.position_mm[axis], from));
+                    put(&mut self.normal[axis], to, widened(&sites.normal[axis], from));
                 }
-                put(&mut self.variance, to, squared(taken(&sites.sigma_mm, from), frame.per_mm as f32));
+                put(&mut self.variance_mm2, to, squared(widened(&sites.sigma_mm, from)));
             }
             at += run.len();
         }
-        put(&mut self.position[0], at, [f32::NAN; SIDE]);
+        put(&mut self.position_mm[0], at, [f64::NAN; LANES]);
     }
 
-    /// Adds what lies beside a place, which is seen in the frame of the sites.
+    /// Adds what lies beside a place.
     #[inline(always)]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which no vector has")]
-    pub fn beside(&self, place: &Place, frame: &Frame) -> Beside {
-        let (steps, [x, y, z], [nx, ny, nz]) = (self.steps, &self.position, &self.normal);
-        let (x, y, z) = (lanes(x, steps), lanes(y, steps), lanes(z, steps));
-        let (nx, ny, nz) = (lanes(nx, steps), lanes(ny, steps), lanes(nz, steps));
-        let variance = lanes(&self.variance, steps);
-        let [px, py, pz] = place.position_mm;
-        let ([px], [py], [pz]) = (frame.seen(0, [px]), frame.seen(1, [py]), frame.seen(2, [pz]));
-        let (normal, least) = (place.normal, place.cosine);
+    pub fn beside(&self, place: &Place) -> Beside {
+        let [x, y, z] = [0, 1, 2].map(|axis| lanes(&self.position_mm[axis], self.steps));
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| lanes(&self.normal[axis], self.steps));
+        let variance = lanes(&self.variance_mm2, self.steps);
         let mut sums = Beside::none();
-        for step in 0..steps {
-            for lane in 0..SIDE {
-                let (dx, dy, dz) = (px - x[step][lane], py - y[step][lane], pz - z[step][lane]);
-                let (ox, oy, oz) = (nx[step][lane], ny[step][lane], nz[step][lane]);
-                let near = dx * dx + dy * dy + dz * dz <= 1.0;
-                let cosine = normal[0] * ox + normal[1] * oy + normal[2] * oz;
-                let inside = near & (cosine >= least);
-                let along = (normal[0] + ox) * dx + (normal[1] + oy) * dy + (normal[2] + oz) * dz;
+        for step in 0..self.steps {
+            for lane in 0..LANES {
+                let dx = place.position_mm[0] - x[step][lane];
+                let dy = place.position_mm[1] - y[step][lane];
+                let dz = place.position_mm[2] - z[step][lane];
+                let [ox, oy, oz] = [nx, ny, nz].map(|n| n[step][lane]);
+                let near = dx * dx + dy * dy + dz * dz <= place.limit_mm2;
+                let cosine = place.normal[0] * ox + place.normal[1] * oy + place.normal[2] * oz;
+                let inside = near & (cosine >= place.cosine);
+                let along =
+                    (place.normal[0] + ox) * dx + (place.normal[1] + oy) * dy + (place.normal[2] + oz) * dz;
                 // Bits instead of a choice: a choice becomes stores under masks, for which the next step then waits.
-                let mask = 0_u32.wrapping_sub(u32::from(inside));
-                let masked = |value: f32| f32::from_bits(value.to_bits() & mask);
+                let mask = 0_u64.wrapping_sub(u64::from(inside));
+                let masked = |value: f64| f64::from_bits(value.to_bits() & mask);
                 sums.count[lane] += masked(1.0);
                 sums.distance[lane] += masked(along);
                 sums.variance[lane] += masked(variance[step][lane]);
@@ -120,25 +86,33 @@ impl Near {
     }
 }
 
-/// Squares of eight entries in radii.
+/// Eight entries of a list in double precision.
 #[inline(always)]
-fn squared(mut entries: [f32; LANES], per_mm: f32) -> [f32; LANES] {
+fn widened(list: &[f32], from: usize) -> [f64; LANES] {
+    let mut out = [0.0; LANES];
+    for (out, entry) in out.iter_mut().zip(&list[from..from + LANES]) {
+        *out = f64::from(*entry);
+    }
+    out
+}
+
+#[inline(always)]
+fn squared(mut entries: [f64; LANES]) -> [f64; LANES] {
     for entry in &mut entries {
-        *entry *= per_mm;
         *entry *= *entry;
     }
     entries
 }
 
-/// Writes some entries of a list.
+/// Writes eight entries of a list.
 #[inline(always)]
-fn put<const N: usize>(list: &mut [f32], at: usize, entries: [f32; N]) {
-    list[at..at + N].copy_from_slice(&entries);
+fn put(list: &mut [f64], at: usize, entries: [f64; LANES]) {
+    list[at..at + LANES].copy_from_slice(&entries);
 }
 
-/// Steps of sixteen entries of a list.
+/// Steps of eight entries of a list.
 #[inline(always)]
-fn lanes(list: &[f32], steps: usize) -> &[[f32; SIDE]] {
+fn lanes(list: &[f64], steps: usize) -> &[[f64; LANES]] {
     &list.as_chunks().0[..steps]
 }
 
@@ -146,23 +120,15 @@ impl Beside {
     /// Sums over no sites at all.
     #[inline(always)]
     pub fn none() -> Self {
-        Self { count: [0.0; SIDE], distance: [0.0; SIDE], variance: [0.0; SIDE] }
+        Self { count: [0.0; LANES], distance: [0.0; LANES], variance: [0.0; LANES] }
     }
 
-    /// Number of sites, Σ (n + n′)·(p − p′) in radii, and Σ σ′² in radii².
+    /// Number of sites, Σ (n + n′)·(p − p′) in mm, and Σ σ′² in mm².
     #[inline(always)]
     pub fn sums(&self) -> [f64; 3] {
-        [total(&self.count), total(&self.distance), total(&self.variance)]
+        [&self.count, &self.distance, &self.variance].map(|lanes| {
+            let [a, b, c, d, e, f, g, h] = *lanes;
+            ((a + e) + (c + g)) + ((b + f) + (d + h))
+        })
     }
-}
-
-/// Sum of all lanes.
-#[inline(always)]
-fn total(lanes: &[f32; SIDE]) -> f64 {
-    let mut halves = [0.0; LANES];
-    for (lane, half) in halves.iter_mut().enumerate() {
-        *half = lanes[lane] + lanes[lane + LANES];
-    }
-    let [a, b, c, d, e, f, g, h] = halves;
-    f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
 }

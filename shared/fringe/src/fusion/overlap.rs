@@ -4,7 +4,7 @@ use super::Overlap;
 use super::cells::Cells;
 use super::disagreement::Compared;
 use super::grid::Grid;
-use super::near::{Beside, Frame, Near};
+use super::near::{Beside, Near};
 use super::sites::Place;
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
@@ -68,13 +68,11 @@ impl Distances {
         nearness: &Nearness,
         compared: &mut Compared,
     ) {
-        // Where a point far off makes cells of all the world, their middle is far from everything.
-        let Some(origin_mm) = own.sites.first_position_mm(sites.clone()) else { return };
-        let frame = Frame::new(origin_mm, nearness.radius_mm);
-        near.take(&other.sites, runs, &frame);
+        let limit_mm2 = nearness.radius_mm * nearness.radius_mm;
+        near.take(&other.sites, runs);
         for site in sites {
-            let Some(place) = own.sites.place(site, nearness.cosine as f32) else { continue };
-            self.add_point(&place, &near.beside(&place, &frame), nearness, compared);
+            let Some(place) = own.sites.place(site, limit_mm2, nearness.cosine) else { continue };
+            self.add_point(&place, &near.beside(&place), nearness, compared);
         }
     }
 
@@ -82,9 +80,8 @@ impl Distances {
     fn add_point(&mut self, place: &Place, beside: &Beside, nearness: &Nearness, compared: &mut Compared) {
         let [count, distance, variance] = beside.sums();
         if count >= f64::from(nearness.fewest.max(1)) {
-            let radius_mm = nearness.radius_mm;
-            let distance = 0.5 * radius_mm * distance / count;
-            let u2 = place.sigma_mm * place.sigma_mm + radius_mm * radius_mm * variance / (count * count);
+            let distance = 0.5 * distance / count;
+            let u2 = place.sigma_mm * place.sigma_mm + variance / (count * count);
             self.add(distance, u2.sqrt());
             compared.add(distance, u2, nearness.radius_mm);
         }

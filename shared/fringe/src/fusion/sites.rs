@@ -3,7 +3,6 @@
 use super::buffers::clear_and_reserve;
 use super::cells::Run;
 use crate::cloud::Point;
-use std::ops::Range;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
 pub(super) const LANES: usize = 8;
@@ -20,11 +19,13 @@ pub(super) struct Sites {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     pub position_mm: [f64; 3],
-    pub normal: [f32; 3],
+    pub normal: [f64; 3],
     /// Standard uncertainty of the point, mm.
     pub sigma_mm: f64,
+    /// Largest squared distance, mm².
+    pub limit_mm2: f64,
     /// Smallest cosine of the normals.
-    pub cosine: f32,
+    pub cosine: f64,
 }
 
 impl Sites {
@@ -58,18 +59,18 @@ impl Sites {
         [self.position_mm[0][site], self.position_mm[1][site], self.position_mm[2][site]]
     }
 
-    /// Position of the first of some sites that lies anywhere, mm.
-    pub fn first_position_mm(&self, mut sites: Range<usize>) -> Option<[f64; 3]> {
-        sites.find(|site| self.position_mm[0][*site].is_finite()).map(|site| self.position_mm(site))
-    }
-
     /// A site as one that asks for others; `None` where it has no normal.
     #[inline(always)]
-    pub fn place(&self, site: usize, cosine: f32) -> Option<Place> {
-        let [x, y, z] = &self.normal;
-        let normal = [x[site], y[site], z[site]];
+    pub fn place(&self, site: usize, limit_mm2: f64, cosine: f64) -> Option<Place> {
+        let normal = [0, 1, 2].map(|axis| f64::from(self.normal[axis][site]));
         let sigma_mm = f64::from(self.sigma_mm[site]);
-        (normal != [0.0; 3]).then(|| Place { position_mm: self.position_mm(site), normal, sigma_mm, cosine })
+        (normal != [0.0; 3]).then(|| Place {
+            position_mm: self.position_mm(site),
+            normal,
+            sigma_mm,
+            limit_mm2,
+            cosine,
+        })
     }
 }
 

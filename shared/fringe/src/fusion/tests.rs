@@ -253,8 +253,7 @@ fn fusing_equals_brute_force_on_any_number_of_threads() {
         assert!(raised > 20 && raised == report.disagreeing as usize, "{raised}");
         assert_eq!(report.overlaps[0].count as usize, distances.len());
         assert!(distances.len() > 200 && report.removed[0] > 100, "{report:?}");
-        // Distances are in single precision: each to some ten-millionths of the radius of 0.5 mm.
-        assert!((report.overlaps[0].mean_mm - mean).abs() < 1e-8, "{report:?}, {mean}");
+        assert!((report.overlaps[0].mean_mm - mean).abs() < 1e-13, "{report:?}, {mean}");
         let found = (report, out);
         let first = seen.get_or_insert_with(|| found.clone());
         assert!(*first == found, "{threads} threads");

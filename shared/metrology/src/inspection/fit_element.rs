@@ -237,11 +237,13 @@ pub(super) fn thinned(
         });
     }
     // Counted only as far as it must be.
-    let is_held = |place: &usize| {
-        let [position, normal] = nearby.placed(*place, motion);
-        region.holds_position(&position) && region.holds_normal(&position, &normal)
+    let mut enough = || {
+        let mut count = 0;
+        nearby.numbers().chunks(STRETCH).any(|numbers| {
+            nearby.each_held(region, (numbers, motion), &mut stretch, |_, _, _| count += 1);
+            count >= needs
+        })
     };
-    let enough = || (0..nearby.len()).filter(is_held).take(needs).count() == needs;
     if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {
         return Ok(thin);
     }

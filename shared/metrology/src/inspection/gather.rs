@@ -32,21 +32,8 @@ impl<'a> Nearby<'a> {
     }
 
     /// A point by its number in the cloud.
-    pub fn point(&self, number: u32) -> &'a Point {
+    fn point(&self, number: u32) -> &'a Point {
         &self.cloud[number as usize]
-    }
-
-    /// Position and normal of one of them in the part frame, after a motion.
-    pub fn placed(&self, place: usize, motion: Option<&Pose>) -> [Vector3<f64>; 2] {
-        let point = self.point(self.numbers[place]);
-        let position = self.part_from_world.point(&Vector3::from(point.position_mm));
-        [motion.map_or(position, |motion| motion.point(&position)), self.normal(point, motion)]
-    }
-
-    /// The normal of a point in the part frame, after a motion.
-    pub fn normal(&self, point: &Point, motion: Option<&Pose>) -> Vector3<f64> {
-        let normal = self.part_from_world.rotation * point.normal_vector();
-        motion.map_or(normal, |motion| motion.rotation * normal)
     }
 
     /// Calls `take` with those of some of them, a stretch, that belong to a region, after a motion: place in the stretch, position in the part

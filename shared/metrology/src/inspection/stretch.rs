@@ -2,7 +2,7 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f64x8, mask64x8};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::bounds::Bounds;
 use super::geometry::{Exclusion, ExclusionShape, Geometry};
@@ -230,12 +230,10 @@ impl Stretch {
     fn transform_with<S: Simd>(&mut self, simd: S, motion: &Pose) {
         let (rotation, translation) = (&motion.rotation, &motion.translation);
         for block in 0..STRETCH / LANES {
-            let [x, y, z] = self.arms(simd, block, &Point3::origin());
-            for axis in 0..3 {
-                let turned = rotation[(axis, 0)] * x + rotation[(axis, 1)] * y + rotation[(axis, 2)] * z;
-                let start = block * LANES;
-                self.places[axis][start..start + LANES]
-                    .copy_from_slice((turned + translation[axis]).as_slice());
+            let vectors = block_of(simd, &self.places, block);
+            for (axis, row) in self.places.iter_mut().enumerate() {
+                let moved = turned(rotation, &vectors, axis) + translation[axis];
+                row[block * LANES..][..LANES].copy_from_slice(moved.as_slice());
             }
         }
     }
@@ -244,14 +242,18 @@ impl Stretch {
 /// Turns vectors into another frame.
 #[inline(always)]
 fn turn_with<S: Simd>(simd: S, motion: &Pose, vectors: &mut [[f64; STRETCH]; 3]) {
-    let rotation = &motion.rotation;
     for block in 0..STRETCH / LANES {
-        let [x, y, z] = block_of(simd, vectors, block);
+        let before = block_of(simd, vectors, block);
         for (axis, row) in vectors.iter_mut().enumerate() {
-            let turned = rotation[(axis, 0)] * x + rotation[(axis, 1)] * y + rotation[(axis, 2)] * z;
-            row[block * LANES..][..LANES].copy_from_slice(turned.as_slice());
+            row[block * LANES..][..LANES].copy_from_slice(turned(&motion.rotation, &before, axis).as_slice());
         }
     }
+}
+
+/// A coordinate of eight vectors after a rotation.
+#[inline(always)]
+fn turned<S: Simd>(rotation: &Matrix3<f64>, [x, y, z]: &[f64x8<S>; 3], axis: usize) -> f64x8<S> {
+    rotation[(axis, 0)] * *x + rotation[(axis, 1)] * *y + rotation[(axis, 2)] * *z
 }
 
 /// Eight vectors, coordinate by coordinate.
