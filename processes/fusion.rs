@@ -29,6 +29,8 @@ struct Part {
 pub struct Fusion {
     /// In the order of the rig file: the order of the points follows it.
     parts: Vec<Part>,
+    /// How many of the clouds were taken before the others exist.
+    taken: usize,
     capacity: usize,
     fuser: Fuser,
     clouds: Publisher<Cloud>,
@@ -53,11 +55,31 @@ impl Fusion {
         );
         Ok(Self {
             parts: parts.collect::<Result<_>>()?,
+            taken: 0,
             capacity,
             fuser: Fuser::of_pictures(pictures(&context.cell.config.rig.pairs)),
             clouds: context.publisher("cloud/fused")?,
             text: TextBuffer::with_capacity(OVERLAP_BYTES * graph.pairs.len().pow(2) / 2),
         })
+    }
+
+    /// Takes the next cloud where the schedule wants that before the others exist; returns whether it did.
+    fn take(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
+        let (pair, work) = (self.taken, Work::Take { pair: self.taken });
+        let Some((part, message)) = self.parts.get(pair).and_then(|part| Some((part, part.cloud.as_ref()?)))
+        else {
+            return Ok(false);
+        };
+        if !context.may_start(work) {
+            return Ok(false);
+        }
+        part.inbox.check_not_overtaken(context)?;
+        let start_ns = now_ns();
+        let points = payload::points(message.header(), message.payload()).map_err(|e| cycle_fault(&e))?;
+        self.fuser.take(pair, points, &context.cell.config.settings.fusion);
+        self.taken += 1;
+        context.done(work, start_ns, &[], Report { count: points.len(), text: "" })?;
+        Ok(true)
     }
 
     fn run(&mut self, context: &mut StageContext) -> Result<(), Fault> {
@@ -125,6 +147,9 @@ impl Worker for Fusion {
                 return Ok(true);
             }
         }
+        if self.take(context)? {
+            return Ok(true);
+        }
         if self.parts.iter().all(|part| part.cloud.is_some()) && turn {
             self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken(context))?;
             self.run(context)?;
@@ -134,6 +159,8 @@ impl Worker for Fusion {
     }
 
     fn forget(&mut self) {
+        self.fuser.forget();
+        self.taken = 0;
         release(&mut self.parts);
     }
 }

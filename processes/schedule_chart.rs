@@ -2,8 +2,8 @@
 //!
 //! A schedule defines an order, not times. Without measured times every activation has the length of one unit; with a result
 //! of the cell, the mean duration of its stage in that cycle. An activation starts when its inputs and the previous
-//! activation of its lane are done. If cycles overlap, the chart shows two of them, the second one pale or in lower case; it
-//! does not show how they slow each other down on a shared core.
+//! activation of its lane are done. If cycles overlap, the chart shows two of them, the second one pale or in lower case. It
+//! does not show how the two lanes of a core slow each other down.
 
 use anyhow::{Result, ensure};
 use cell::Cell;
@@ -116,7 +116,7 @@ impl ScheduleChart {
         let slice = self.end() / COLUMNS as f64;
         let mut text = format!(
             "a cycle every {:.1} {unit}, from its start to the verdict {:.1} {unit}\n\
-             one column is {slice:.2} {unit}; P project  E expose  A accumulate  Φ phase  M match  F fuse  I inspect  S store  · idle\n",
+             one column is {slice:.2} {unit}; P project  E expose  A accumulate  Φ phase  M match  T take  F fuse  I inspect  S store  · idle\n",
             self.period,
             end(&self.cycles[0]),
             unit = self.unit
@@ -208,7 +208,7 @@ impl ScheduleChart {
 /// Start and end of the activations of a cycle whose halves start at these times at the earliest.
 fn place(schedule: &Schedule, durations: &[f64], acquisition: f64, evaluation: f64) -> Vec<(f64, f64)> {
     let order = Order::new(schedule);
-    let begin = |lane: &Lane| if lane.half == Some(Half::Evaluation) { evaluation } else { acquisition };
+    let begin = |lane: &Lane| if lane.half == Half::Evaluation { evaluation } else { acquisition };
     let mut free: Vec<f64> = order.lanes.iter().map(begin).collect();
     let mut bars: Vec<(f64, f64)> = Vec::with_capacity(schedule.activations.len());
     for (number, activation) in schedule.activations.iter().enumerate() {
@@ -266,6 +266,7 @@ fn letter(work: Work) -> char {
         Work::Accumulate { .. } => 'A',
         Work::Phase { .. } => 'Φ',
         Work::Match { .. } => 'M',
+        Work::Take { .. } => 'T',
         Work::Fuse => 'F',
         Work::Inspect => 'I',
         Work::Store => 'S',
@@ -301,7 +302,7 @@ fn colour(work: Work) -> &'static str {
         Work::Accumulate { .. } => 2,
         Work::Phase { .. } => 3,
         Work::Match { .. } => 4,
-        Work::Fuse => 5,
+        Work::Take { .. } | Work::Fuse => 5,
         Work::Inspect => 6,
         Work::Store => 7,
         Work::Remote { .. } | Work::Receive { .. } | Work::HandOver | Work::Deliver => 8,

@@ -101,14 +101,9 @@ fn render(cell: &Cell) -> String {
     text += &hosts_table(cell);
     text += &lights(cell);
     for lane in schedule.lanes() {
-        let half = match lane.half {
-            None => "",
-            Some(Half::Acquisition) => ", acquisition",
-            Some(Half::Evaluation) => ", evaluation",
-        };
         let _ = writeln!(
             text,
-            "\n{}{half}\n{:>5}  {:<20} {:<24} {:<18} after",
+            "\n{}\n{:>5}  {:<20} {:<24} {:<18} after",
             lane_name(schedule, lane),
             "no.",
             "stage",
@@ -148,9 +143,13 @@ fn render(cell: &Cell) -> String {
     text
 }
 
-/// A core, or the link that waits beside them.
+/// A core and the half of the cycle, or the link that waits beside them.
 fn lane_name(schedule: &Schedule, lane: Lane) -> String {
-    if lane.core < schedule.cores { format!("core {}", lane.core) } else { "link to other hosts".to_owned() }
+    match lane {
+        Lane { core, .. } if core == schedule.cores => "link to other hosts".to_owned(),
+        Lane { core, half: Half::Acquisition } => format!("core {core}, acquisition"),
+        Lane { core, half: Half::Evaluation } => format!("core {core}, evaluation"),
+    }
 }
 
 /// How long projectors take whose light comes in known periods.
@@ -198,7 +197,9 @@ fn fired(cell: &Cell) -> String {
 /// The overlap of cycles in words.
 fn overlap(schedule: &Schedule) -> String {
     match schedule.in_flight {
-        1 => "1 cycle in flight: a cycle starts when the previous one has its outcome (schedule.cycles_in_flight)".into(),
+        1 => "1 cycle in flight: a cycle starts when the previous one has its outcome (schedule.cycles_in_flight);\n\
+              what a projector showed is evaluated while the next one shows; both lists of a core share the core"
+            .into(),
         n => format!(
             "{n} cycles in flight: a cycle is acquired while the previous one is evaluated; both lists of a core share the core"
         ),

@@ -65,8 +65,8 @@ fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
 /// Sets real-time priority and locks memory where the system permits it; the supervisor reports where it does not.
 fn claim(cell: &Cell, kind: Kind) {
     if let Some(priority) = cell.config.schedule.realtime_priority {
-        // Cameras do not wait: where cycles overlap, the acquisition has priority over the evaluation.
-        let lower = cell.schedule.in_flight > 1 && kind.half() == Half::Evaluation;
+        // Cameras do not wait: the acquisition has priority over the evaluation.
+        let lower = kind.half() == Half::Evaluation;
         let _refused = os::realtime((priority - u32::from(lower)).max(1));
     }
     // With a limit below the need, later mappings would fail.

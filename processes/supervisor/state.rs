@@ -170,12 +170,12 @@ impl<'a> Supervisor<'a> {
                     if let Some(recorder) = &mut self.recorder {
                         recorder.begin(cycle);
                     }
-                    self.gates.reset(self.lanes(|half| half != Some(Half::Evaluation)), wire(cycle));
+                    self.gates.reset(self.lanes(Half::Acquisition), wire(cycle));
                     self.profile.begin(cycle, now_ns());
                     self.command(Command::Start, wire(cycle))?;
                 }
                 Action::Evaluate(cycle) => {
-                    self.gates.reset(self.lanes(|half| half == Some(Half::Evaluation)), wire(cycle));
+                    self.gates.reset(self.lanes(Half::Evaluation), wire(cycle));
                     self.command(Command::Evaluate, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
@@ -193,13 +193,9 @@ impl<'a> Supervisor<'a> {
     }
 
     /// Indices of the lanes of one half of the cycle.
-    fn lanes(&self, which: fn(Option<Half>) -> bool) -> impl Iterator<Item = usize> {
-        self.order
-            .lanes
-            .iter()
-            .enumerate()
-            .filter(move |(_, lane)| which(lane.half))
-            .map(|(number, _)| number)
+    fn lanes(&self, half: Half) -> impl Iterator<Item = usize> {
+        let lanes = self.order.lanes.iter().enumerate();
+        lanes.filter(move |(_, lane)| lane.half == half).map(|(number, _)| number)
     }
 
     fn conclude(

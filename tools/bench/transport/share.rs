@@ -212,6 +212,7 @@ impl<'a> Done<'a> {
             Work::Accumulate { .. } => "accumulate",
             Work::Phase { .. } => "phase",
             Work::Match { .. } => "match",
+            Work::Take { .. } => "take",
             Work::Fuse => "fuse",
             Work::Inspect => "inspect",
             Work::Store => "store",

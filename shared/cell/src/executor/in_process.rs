@@ -148,6 +148,10 @@ impl<'a> InProcess<'a> {
             }
             Work::Phase { camera, projector, axis } => self.phase(camera, projector, axis),
             Work::Match { pair } => self.match_pair(pair),
+            Work::Take { pair } => {
+                self.fuser.take(pair, &self.clouds[pair], &self.cell.config.settings.fusion);
+                Ok(&[])
+            }
             Work::Fuse => {
                 let clouds: Vec<&[Point]> = self.clouds.iter().map(Vec::as_slice).collect();
                 self.fuser.fuse(&clouds, &self.cell.config.settings.fusion, &mut self.fused);

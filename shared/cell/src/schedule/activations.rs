@@ -2,6 +2,7 @@
 
 use super::parts::{Activation, Kind, Stage, Topic, Work};
 use crate::graph::{Graph, axes_taken};
+use std::collections::BTreeMap;
 
 /// A camera's capture and decode share a core: its frames then stay in that core's cache.
 pub(super) fn stages(graph: &Graph) -> Vec<Stage> {
@@ -46,10 +47,11 @@ struct Planner<'a> {
 
 impl Planner<'_> {
     fn plan(mut self) -> Vec<Activation> {
-        let mut clouds = Vec::new();
+        // What is planned of each pair's cloud last, by the pair.
+        let mut clouds = BTreeMap::new();
         let mut before = None;
         let graph = self.graph;
-        for group in &graph.groups {
+        for (number, group) in graph.groups.iter().enumerate() {
             let frames = |projector: usize| graph.projectors[projector].frames;
             let here = group.iter().filter(|&&projector| graph.has_projector(projector));
             let frames: Vec<(usize, usize)> = here.map(|p| (*p, frames(*p))).collect();
@@ -72,14 +74,18 @@ impl Planner<'_> {
                 let sums = self.sum(*p, frames.checked_sub(1), &exposed[place]);
                 clouds.extend(self.evaluate(*p, &sums));
             }
+            if number + 1 < graph.groups.len() && graph.leads() {
+                self.take(&mut clouds);
+            }
         }
         if self.graph.leads() {
             clouds.extend(self.remote(before));
+            let clouds = clouds.into_values().collect();
             let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
             self.add(Kind::Inspection, 0, Work::Inspect, vec![fused], "result");
         } else {
             self.add(Kind::Link, 0, Work::HandOver, before.unwrap_or_default(), "");
-            self.add(Kind::Link, 0, Work::Deliver, clouds, "result");
+            self.add(Kind::Link, 0, Work::Deliver, clouds.into_values().collect(), "result");
         }
         if self.graph.record {
             let exposed = |a: &Activation| matches!(a.work, Work::Expose { .. });
@@ -89,8 +95,17 @@ impl Planner<'_> {
         self.activations
     }
 
+    /// While other projectors show, fusion takes the clouds that are there, in the order of the pairs.
+    fn take(&mut self, clouds: &mut BTreeMap<usize, usize>) {
+        for (pair, (_, planned)) in clouds.iter_mut().enumerate().take_while(|(pair, (of, _))| pair == *of) {
+            if matches!(self.activations[*planned].work, Work::Match { .. }) {
+                *planned = self.add(Kind::Fusion, 0, Work::Take { pair }, vec![*planned], "");
+            }
+        }
+    }
+
     /// The other hosts take their frames one after another, because their light may meet; then their clouds come.
-    fn remote(&mut self, mut before: Option<Vec<usize>>) -> Vec<usize> {
+    fn remote(&mut self, mut before: Option<Vec<usize>>) -> Vec<(usize, usize)> {
         let graph = self.graph;
         let mut measured = Vec::new();
         for host in graph.led() {
@@ -102,7 +117,7 @@ impl Planner<'_> {
         for (host, taken) in measured {
             for &pair in &graph.hosts[host].pairs {
                 let topic = format!("cloud/{}", graph.pairs[pair].name);
-                clouds.push(self.add(Kind::Link, 0, Work::Receive { pair }, vec![taken], &topic));
+                clouds.push((pair, self.add(Kind::Link, 0, Work::Receive { pair }, vec![taken], &topic)));
             }
         }
         clouds
@@ -135,8 +150,8 @@ impl Planner<'_> {
         graph.projectors[projector].cameras.iter().zip(exposed).map(sum).collect()
     }
 
-    /// After the last frame of a projector: phases, then the pairs that share it.
-    fn evaluate(&mut self, projector: usize, sums: &[usize]) -> Vec<usize> {
+    /// After the last frame of a projector: phases, then the pairs that share it, each with its work.
+    fn evaluate(&mut self, projector: usize, sums: &[usize]) -> Vec<(usize, usize)> {
         let mut phases = Vec::new();
         let node = &self.graph.projectors[projector];
         for (&camera, &sum) in node.cameras.iter().zip(sums) {
@@ -153,7 +168,10 @@ impl Planner<'_> {
                 phases.iter().filter(|(camera, axis, _)| cameras.contains(camera) && axes.contains(axis));
             let inputs = taken.map(|(_, _, phase)| *phase).collect();
             let topic = format!("cloud/{}", pair.name);
-            clouds.push(self.add(Kind::Matching, number, Work::Match { pair: number }, inputs, &topic));
+            clouds.push((
+                number,
+                self.add(Kind::Matching, number, Work::Match { pair: number }, inputs, &topic),
+            ));
         }
         clouds
     }

@@ -17,6 +17,7 @@ pub fn output(graph: &Graph, work: Work) -> Option<String> {
         Work::Inspect => Some("result".to_owned()),
         Work::Project { .. }
         | Work::Accumulate { .. }
+        | Work::Take { .. }
         | Work::Store
         | Work::Remote { .. }
         | Work::HandOver
@@ -40,6 +41,7 @@ pub fn label(graph: &Graph, work: Work) -> String {
             format!("phase {} {}", graph.projectors[projector].name, if axis == Axis::X { "x" } else { "y" })
         }
         Work::Match { pair } => format!("match {}", graph.pairs[pair].name),
+        Work::Take { pair } => format!("take {}", graph.pairs[pair].name),
         Work::Fuse => "fuse".to_owned(),
         Work::Inspect => "inspect".to_owned(),
         Work::Store => "store".to_owned(),

@@ -45,20 +45,20 @@ pub struct Schedule {
     pub links: usize,
 }
 
-/// Work of one core that is done one after another. With one cycle in flight a core has one lane; with several it has one
-/// for each half of the cycle, so that the evaluation of a cycle and the acquisition of the next share the core.
+/// Work of one core that is done one after another. A core has a lane for each half of a cycle: what one projector showed is evaluated
+/// while the next one shows, and with several cycles in flight a cycle is evaluated while the next one is acquired.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lane {
     /// Number of the core, from 0; one more than the last core: the link to other hosts, which waits and hardly computes.
     pub core: usize,
-    /// The half of the cycle; absent: all of it.
-    pub half: Option<Half>,
+    /// The half of the cycle.
+    pub half: Half,
 }
 
 impl Lane {
     /// Whether the work of a stage lies in it.
     pub fn has(self, stage: &Stage) -> bool {
-        stage.core == self.core && self.half.is_none_or(|half| half == stage.kind.half())
+        stage.core == self.core && self.half == stage.kind.half()
     }
 }
 
@@ -98,13 +98,9 @@ impl Schedule {
 
     /// All lanes, core by core.
     pub fn lanes(&self) -> Vec<Lane> {
-        let halves: &[Option<Half>] = match self.in_flight {
-            1 => &[None],
-            _ => &[Some(Half::Acquisition), Some(Half::Evaluation)],
-        };
-        (0..self.cores + usize::from(self.links > 0))
-            .flat_map(|core| halves.iter().map(move |&half| Lane { core, half }))
-            .collect()
+        let of_core = |core| [Half::Acquisition, Half::Evaluation].map(|half| Lane { core, half });
+        let links = (self.links > 0).then_some(Lane { core: self.cores, half: Kind::Link.half() });
+        (0..self.cores).flat_map(of_core).chain(links).collect()
     }
 
     /// The activations of a lane, in their order.

@@ -136,6 +136,11 @@ pub enum Work {
         /// Index of the pair.
         pair: usize,
     },
+    /// Take the cloud of a pair for fusion while other projectors show.
+    Take {
+        /// Index of the pair.
+        pair: usize,
+    },
     /// Fuse the clouds of all pairs.
     Fuse,
     /// Measure and evaluate the features.

@@ -49,6 +49,7 @@ fn every_frame_is_shown_exposed_and_summed_once_and_ends_in_one_verdict() {
     assert_eq!(count(|w| matches!(w, Work::Accumulate { .. })), 20);
     assert_eq!(count(|w| matches!(w, Work::Phase { .. })), 4);
     assert_eq!(count(|w| matches!(w, Work::Match { .. })), 2);
+    assert_eq!(count(|w| matches!(w, Work::Take { .. })), 1);
     assert_eq!(schedule.activations.last().unwrap().work, Work::Inspect);
 }
 
@@ -131,21 +132,75 @@ fn keeps_its_order(schedule: &Schedule) {
 }
 
 #[test]
-fn with_several_cycles_in_flight_the_halves_have_lanes_of_their_own_and_phases_room_to_wait() {
+fn the_halves_of_a_cycle_have_lanes_of_their_own_and_with_several_in_flight_phases_have_room_to_wait() {
     let alone = Schedule::new(&demo()).unwrap();
     let schedule = Schedule::new(&Graph { in_flight: 3, ..demo() }).unwrap();
-    assert_eq!((alone.lanes().len(), schedule.lanes().len()), (2, 4));
+    assert_eq!((alone.lanes().len(), schedule.lanes().len()), (4, 4));
     assert_eq!(alone.activations, schedule.activations, "what is done is the same");
     let buffer = |schedule: &Schedule| schedule.topic("phase/cam1").unwrap().size.buffer;
     assert_eq!(buffer(&schedule), 3 * buffer(&alone));
     for lane in schedule.lanes() {
-        assert!(schedule.on_lane(lane).all(|(_, activation)| Some(schedule.half(activation)) == lane.half));
+        assert!(schedule.on_lane(lane).all(|(_, activation)| schedule.half(activation) == lane.half));
     }
     // The acquisition takes nothing from the evaluation: it can go ahead of it.
     for activation in schedule.activations.iter().filter(|a| schedule.half(a) == Half::Acquisition) {
         let inputs = activation.inputs.iter().map(|&input| schedule.half(&schedule.activations[input]));
         assert!(inputs.into_iter().all(|half| half == Half::Acquisition));
     }
+}
+
+/// All work that an activation waits for, directly or not: its inputs, what comes before it in its lane, and what these wait for.
+fn waits_for(schedule: &Schedule, work: Work) -> Vec<Work> {
+    let order = Order::new(schedule);
+    let mut waited = vec![false; schedule.activations.len()];
+    waited[schedule.find(work).unwrap()] = true;
+    for number in (0..waited.len()).rev() {
+        if !waited[number] {
+            continue;
+        }
+        for &earlier in schedule.activations[number].inputs.iter().chain(&order.before[number]) {
+            waited[earlier] = true;
+        }
+    }
+    (0..waited.len())
+        .filter(|number| waited[*number])
+        .map(|number| schedule.activations[number].work)
+        .collect()
+}
+
+/// Proves: the second projector waits for no match, and fusion has the first cloud before the second projector is done, whether cycles overlap or
+/// not; the cloud of the last projector it takes with all others.
+#[test]
+fn what_a_projector_showed_is_evaluated_while_the_next_one_shows() {
+    for in_flight in [1, 2] {
+        let schedule = Schedule::new(&Graph { in_flight, ..demo() }).unwrap();
+        let acquired = waits_for(&schedule, Work::Phase { camera: 2, projector: 1, axis: Axis::X });
+        assert!(acquired.iter().any(|work| matches!(work, Work::Phase { projector: 0, .. })));
+        assert!(!acquired.iter().any(|work| matches!(work, Work::Match { .. } | Work::Take { .. })));
+        let taken = waits_for(&schedule, Work::Take { pair: 0 });
+        assert!(taken.contains(&Work::Match { pair: 0 }));
+        let second =
+            |work: &Work| matches!(work, Work::Project { projector: 1, .. } | Work::Match { pair: 1 });
+        assert!(!taken.iter().any(second));
+        assert!(waits_for(&schedule, Work::Fuse).contains(&Work::Take { pair: 0 }));
+        assert!(schedule.find(Work::Take { pair: 1 }).is_none());
+    }
+}
+
+/// Proves: a cloud is not taken before one that comes earlier in the order of the pairs, and none where all projectors show together.
+#[test]
+fn fusion_takes_clouds_in_the_order_of_the_pairs() {
+    let mut graph = demo();
+    graph.pairs.swap(0, 1);
+    let takes = |graph: &Graph| {
+        let schedule = Schedule::new(graph).unwrap();
+        schedule.activations.iter().filter(|a| matches!(a.work, Work::Take { .. })).count()
+    };
+    assert_eq!(takes(&graph), 0, "the first pair is lit last");
+    graph.groups = vec![vec![1], vec![0]];
+    assert_eq!(takes(&graph), 1);
+    graph.groups = vec![vec![0, 1]];
+    assert_eq!(takes(&graph), 0);
 }
 
 /// Proves: projectors of a group show frame by frame together, cameras expose when all of them show, a shorter sequence ends earlier, and
@@ -162,7 +217,8 @@ fn projectors_of_a_group_show_at_the_same_time() {
         work.sort_unstable();
         work
     };
-    assert_eq!(sorted(&schedule), sorted(&alone));
+    let apart: Vec<String> = sorted(&alone).into_iter().filter(|work| !work.starts_with("Take")).collect();
+    assert_eq!(sorted(&schedule), apart);
     for frame in 0..3 {
         let shown = [0, 1].map(|projector| schedule.find(Work::Project { projector, frame }).unwrap());
         assert_eq!(shown[1], shown[0] + 1);
@@ -172,7 +228,7 @@ fn projectors_of_a_group_show_at_the_same_time() {
             assert_eq!(schedule.activations[exposed].inputs, shown);
         }
     }
-    assert_eq!((graph.shown_frames(), alone.activations.len()), (5, schedule.activations.len()));
+    assert_eq!((graph.shown_frames(), alone.activations.len()), (5, schedule.activations.len() + 1));
     graph.rate_hz = Some(5.0);
     assert!(Schedule::new(&graph).is_ok(), "five frames at 5 Hz");
     graph.groups = vec![vec![0], vec![1]];
@@ -274,7 +330,7 @@ fn each_host_plans_its_part_under_the_numbers_of_the_whole() {
             .is_some_and(|handed| handed < right.find(Work::Match { pair: 1 }).unwrap() + 2)
     );
     for schedule in [&left, &right] {
-        assert_eq!(schedule.lanes().len(), schedule.cores + 1, "waiting for others takes no core's turn");
+        assert_eq!(schedule.lanes().len(), 2 * schedule.cores + 1, "waiting for others takes no core's turn");
         // One after another is one way to keep the order on every core.
         let interval = |activation: usize| {
             let start_ns = 10 * activation as u64;
@@ -283,7 +339,7 @@ fn each_host_plans_its_part_under_the_numbers_of_the_whole() {
         let kept: Vec<Interval> = (0..schedule.activations.len()).map(interval).collect();
         assert_eq!(violation(schedule, &Order::new(schedule), &kept), None);
         let link = schedule.stages.iter().position(|stage| stage.kind == Kind::Link).unwrap();
-        let on_link = schedule.on_lane(schedule.lanes()[schedule.cores]);
+        let on_link = schedule.on_lane(schedule.lanes()[2 * schedule.cores]);
         assert!(on_link.map(|(_, activation)| activation.stage).all(|stage| stage == link));
     }
 }

@@ -1,29 +1,16 @@
-//! Neighbour search: points sorted into the cells of a regular grid.
-//!
-//! The keys of the cells are sorted by a stable radix sort, so that equal input gives equal order; neighbours of all
-//! points are then found in one sweep, since the cells around a moving cell move on with it.
+//! Neighbour search: points sorted into the cells of a regular grid, in which neighbours of all points are found in one sweep, since the cells
+//! around a moving cell move on with it.
 
 use super::buffers::clear_and_reserve;
-use super::grid::{Grid, is_finite};
+use super::grid::Grid;
+use super::runs::{Run, Runs};
 use super::sites::Sites;
 use super::surroundings::Surroundings;
 use crate::cloud::Point;
 use std::ops::Range;
 
-/// Bits per pass of the radix sort.
-const DIGIT_BITS: u32 = 11;
-
 /// Leading bits of a key that an index has a place for: about as many places as a cloud has cells, and small enough for a cache.
 const INDEX_BITS: u32 = 16;
-
-/// Points that follow each other in the cloud and lie in one cell, as neighbours along an image row do.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Run {
-    pub key: u64,
-    /// Number of the first one in the cloud.
-    pub first: u32,
-    pub count: u32,
-}
 
 /// A cell that holds points, and where they begin.
 #[derive(Debug, Clone, Copy, Default)]
@@ -35,15 +22,41 @@ pub(super) struct Cell {
     run: u32,
 }
 
+/// A cloud in the order of its cells.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cloud<'a> {
+    /// Cells that hold points, by key; behind the last one their end.
+    cells: &'a [Cell],
+    /// By key, those of a cell in the order of the cloud.
+    runs: &'a [Run],
+    points: &'a [Point],
+}
+
+impl<'a> Cloud<'a> {
+    /// Number of its sites.
+    pub fn sites(&self) -> usize {
+        self.cells.last().map_or(0, |end| end.site as usize)
+    }
+
+    /// The points of the sites from one on.
+    pub fn points_from(&self, site: usize) -> impl Iterator<Item = &'a Point> {
+        let cell = self.cells.partition_point(|cell| cell.site as usize <= site).saturating_sub(1);
+        let Cell { site: first, run, .. } = self.cells[cell];
+        let (cloud, runs) = (self.points, &self.runs[run as usize..]);
+        let points = runs.iter().flat_map(|run| &cloud[run.first as usize..][..run.count as usize]);
+        points.skip(site - first as usize)
+    }
+}
+
 /// Sites sorted by cell.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
     pub sites: Sites,
     /// Cells that hold points, by key; behind the last one their end.
     pub occupied: Vec<Cell>,
-    spare: Vec<Run>,
-    /// By key, those of a cell in the order of the cloud.
-    runs: Vec<Run>,
+    /// The grid that the keys are of; none before the first use.
+    grid: Option<Grid>,
+    runs: Runs,
     /// Number of the first cell with these leading bits of the key, and one place more: what is asked for lies between two of them.
     index: Vec<u32>,
     /// Bits of a key behind the leading ones.
@@ -60,30 +73,47 @@ pub(super) struct Found {
 impl Cells {
     /// Sorts the finite points of a cloud. Buffers are reused.
     pub fn fill(&mut self, grid: &Grid, points: &[Point]) {
-        clear_and_reserve(&mut self.runs, points.len());
-        for (point, first) in points.iter().zip(0..).filter(|(point, _)| is_finite(point)) {
-            let key = grid.key(&point.position_mm);
-            match self.runs.last_mut() {
-                Some(run) if run.key == key && run.first + run.count == first => run.count += 1,
-                _ => self.runs.push(Run { key, first, count: 1 }),
-            }
-        }
-        radix_sort(&mut self.runs, &mut self.spare, grid.bits.iter().sum());
-        self.sites.take(&self.runs, points);
-        clear_and_reserve(&mut self.occupied, self.runs.len() + 1);
+        self.runs.sort_cloud(grid, points);
+        self.list_cells();
+        self.sites.take(&Cloud { cells: &self.occupied, runs: self.runs.all(), points });
+        self.number(grid);
+    }
+
+    /// Lists the cells that hold runs, which are sorted.
+    fn list_cells(&mut self) {
+        let runs = self.runs.all();
+        clear_and_reserve(&mut self.occupied, runs.len() + 1);
         let mut site = 0;
-        for (Run { key, count, .. }, run) in self.runs.iter().zip(0..) {
+        for (Run { key, count, .. }, run) in runs.iter().zip(0..) {
             if self.occupied.last().is_none_or(|cell| cell.key != *key) {
                 self.occupied.push(Cell { key: *key, site, run });
             }
             site += count;
         }
-        self.occupied.push(Cell { key: u64::MAX, site, run: self.runs.len() as u32 });
-        self.number(grid.bits.iter().sum());
+        self.occupied.push(Cell { key: u64::MAX, site, run: runs.len() as u32 });
     }
 
-    /// Makes the index of the cells, whose keys have so many bits.
-    fn number(&mut self, bits: u32) {
+    /// Forgets all sites.
+    pub fn clear(&mut self) {
+        self.grid = None;
+        self.occupied.clear();
+    }
+
+    /// Gives the cells their keys in another grid, which covers this one; returns false where they are no cells of that grid.
+    pub fn move_to(&mut self, grid: &Grid) -> bool {
+        let Some(before) = self.grid.filter(|before| before.shares_cells(grid)) else { return false };
+        let cells = self.len();
+        for cell in &mut self.occupied[..cells] {
+            cell.key = grid.key_from(&before, cell.key);
+        }
+        self.number(grid);
+        true
+    }
+
+    /// Makes the index of the cells.
+    fn number(&mut self, grid: &Grid) {
+        self.grid = Some(*grid);
+        let bits = grid.key_bits();
         self.shift = bits.saturating_sub(INDEX_BITS);
         let places = (1 << (bits - self.shift)) + 1;
         clear_and_reserve(&mut self.index, places);
@@ -123,7 +153,9 @@ impl Cells {
     /// Numbers in the cloud of the points of a cell.
     pub fn points(&self, cell: usize) -> impl Iterator<Item = usize> {
         let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].run as usize);
-        self.runs[start..end].iter().flat_map(|run| run.first as usize..(run.first + run.count) as usize)
+        self.runs.all()[start..end]
+            .iter()
+            .flat_map(|run| run.first as usize..(run.first + run.count) as usize)
     }
 
     /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough; whether it did. `found`: the runs of the
@@ -184,31 +216,6 @@ impl Cells {
     }
 }
 
-/// Stable sort by the lowest `bits` of the keys.
-fn radix_sort(data: &mut Vec<Run>, spare: &mut Vec<Run>, bits: u32) {
-    clear_and_reserve(spare, data.len());
-    spare.resize(data.len(), Run::default());
-    let mut shift = 0;
-    while shift < bits {
-        let mut starts = [0_u32; 1 << DIGIT_BITS];
-        let digit = |key: u64| ((key >> shift) & ((1 << DIGIT_BITS) - 1)) as usize;
-        for run in data.iter() {
-            starts[digit(run.key)] += 1;
-        }
-        let mut total = 0;
-        for start in &mut starts {
-            total += std::mem::replace(start, total);
-        }
-        for run in data.iter() {
-            let place = &mut starts[digit(run.key)];
-            spare[*place as usize] = *run;
-            *place += 1;
-        }
-        std::mem::swap(data, spare);
-        shift += DIGIT_BITS;
-    }
-}
-
 /// Squared distance of two points, mm².
 #[inline]
 pub(super) fn distance2(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -262,7 +269,7 @@ pub(super) mod tests {
         ) {
             let (a, b) = (cloud(&a), cloud(&b));
             let (radius, limit) = (0.8, 0.64);
-            let grid = Grid::over(&Extent::of(&a).and(&Extent::of(&b)), radius).unwrap();
+            let grid = Grid::of(&Extent::of(&a).and(&Extent::of(&b)), radius).unwrap();
             let (mut own, mut other) = (Cells::default(), Cells::default());
             own.fill(&grid, &a);
             other.fill(&grid, &b);
@@ -300,21 +307,12 @@ pub(super) mod tests {
             prop_assert_eq!(searched, brute);
         }
 
-        #[test]
-        fn the_radix_sort_is_a_stable_sort(keys in prop::collection::vec(0_u64..1 << 30, 0..300)) {
-            let run = |(key, first): (&u64, u32)| Run { key: key % 1_000_003, first, count: 1 };
-            let mut data: Vec<Run> = keys.iter().zip(0..).map(run).collect();
-            let mut expected = data.clone();
-            expected.sort_by_key(|run| run.key);
-            radix_sort(&mut data, &mut Vec::new(), 30);
-            prop_assert_eq!(data, expected);
-        }
     }
 
     #[test]
     fn absurd_extents_do_not_overflow() {
         let points = cloud(&[[-1e300, 0.0, 0.0], [1e300, 1.0, 2.0]]);
-        let grid = Grid::over(&Extent::of(&points), 1e-9).unwrap();
+        let grid = Grid::of(&Extent::of(&points), 1e-9).unwrap();
         let mut cells = Cells::default();
         cells.fill(&grid, &points);
         let mut visited = 0;

@@ -1,12 +1,17 @@
 //! The grid that neighbours are searched in, and the box of the points that it covers.
 
+use super::scale::Scale;
 use crate::cloud::Point;
 
 /// Cells along one axis at most: three axes fill a 63-bit key.
 const MAX_CELLS: f64 = 2_097_000.0;
 
 /// Cells are larger than the radius by this part of it: rounding then parts no neighbours by more than one cell.
-const WIDER: f64 = 1.0 + 1e-9;
+const WIDER: f64 = 1.0 + 1e-8;
+
+/// Place of the origin, in cubes: none of a grid then has a number below zero, so that to cut off a fraction is to round down. The origin, a point
+/// of the part, lies in the middle of a cube: no border runs along the face that it lies on, where noise would sort the points.
+const FIRST: f64 = 4_194_304.5;
 
 /// A box that holds points, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +41,12 @@ impl Extent {
         extent
     }
 
+    /// Its lowest corner, mm; `None` where it holds no point.
+    pub fn corner_mm(&self) -> Option<[f64; 3]> {
+        let bounds = self.low_mm.iter().chain(&self.high_mm);
+        bounds.into_iter().all(|bound| bound.is_finite()).then_some(self.low_mm)
+    }
+
     /// The box that holds both.
     pub fn and(mut self, other: &Self) -> Self {
         for axis in 0..3 {
@@ -52,39 +63,88 @@ pub(super) fn is_finite(point: &Point) -> bool {
     point.position_mm.iter().all(|v| v.is_finite())
 }
 
-/// A grid of cubes that covers all clouds.
+/// Cubes that space is divided into, whatever lies there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Grid {
+pub(super) struct Lattice {
     origin_mm: [f64; 3],
     per_mm: f64,
-    pub bits: [u32; 3],
+}
+
+impl Lattice {
+    /// Cubes for points in a box, in which the origin of the scale lies. Points within the radius of each other are at most one cube apart.
+    pub fn new(scale: &Scale, extent: &Extent) -> Self {
+        let longest = (0..3).map(|axis| extent.high_mm[axis] - extent.low_mm[axis]).fold(0.0, f64::max);
+        // Absurd extents get coarser cells instead of an overflow; the distances are checked anyway.
+        let cell_mm = (scale.radius_mm * WIDER).max(longest / MAX_CELLS).max(f64::MIN_POSITIVE);
+        Self { origin_mm: scale.origin_mm, per_mm: 1.0 / cell_mm }
+    }
+
+    /// Number of the cube that holds a place, along one axis.
+    fn cube(&self, position_mm: &[f64; 3], axis: usize) -> u32 {
+        ((position_mm[axis] - self.origin_mm[axis]) * self.per_mm + FIRST) as u32
+    }
+}
+
+/// The cubes of a lattice that cover some points, with a key for each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Grid {
+    lattice: Lattice,
+    /// Number of the first cube along each axis.
+    first: [u32; 3],
+    bits: [u32; 3],
 }
 
 impl Grid {
-    /// A grid over points; `None` without any. Points within `radius_mm` of each other are at most one cell apart.
-    pub fn over(extent: &Extent, radius_mm: f64) -> Option<Self> {
-        let (low, high) = (extent.low_mm, extent.high_mm);
-        if !(0..3).all(|axis| low[axis].is_finite() && high[axis].is_finite()) {
-            return None;
-        }
-        let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-        // Absurd extents get coarser cells instead of an overflow; the distances are checked anyway.
-        let cell_mm = (radius_mm * WIDER).max(longest / MAX_CELLS).max(f64::MIN_POSITIVE);
-        let per_mm = 1.0 / cell_mm;
-        let mut bits = [1; 3];
-        for axis in 0..3 {
-            // Two more: a free cell on either side, so that neighbours never wrap into another row.
-            let cells = ((high[axis] - low[axis]) * per_mm) as u64 + 4;
-            bits[axis] = u64::BITS - cells.leading_zeros();
-        }
-        Some(Self { origin_mm: low, per_mm, bits })
+    /// Over the points of a box; `None` where it holds none.
+    pub fn over(lattice: Lattice, extent: &Extent) -> Option<Self> {
+        let low = extent.corner_mm()?;
+        let first = [0, 1, 2].map(|axis| lattice.cube(&low, axis));
+        let bits = [0, 1, 2].map(|axis| {
+            // Two more than there are: a free cell on either side, so that neighbours never wrap into another row.
+            let cells = u64::from(lattice.cube(&extent.high_mm, axis).saturating_sub(first[axis])) + 4;
+            u64::BITS - cells.leading_zeros()
+        });
+        Some(Self { lattice, first, bits })
     }
 
-    /// Key of the cell that holds a place of the extent.
+    /// Over a box, with its lowest corner as the origin.
+    #[cfg(test)]
+    pub fn of(extent: &Extent, radius_mm: f64) -> Option<Self> {
+        let scale = Scale { radius_mm, origin_mm: extent.corner_mm()? };
+        Self::over(Lattice::new(&scale, extent), extent)
+    }
+
+    /// Bits of a key.
+    pub fn key_bits(&self) -> u32 {
+        self.bits.iter().sum()
+    }
+
+    /// Key of the cell that holds a place of the box. Where the box is longer than numbers reach, cells are one.
     pub fn key(&self, position_mm: &[f64; 3]) -> u64 {
-        let cell =
-            |axis: usize| u64::from(((position_mm[axis] - self.origin_mm[axis]) * self.per_mm) as u32) + 1;
-        (cell(0) << (self.bits[1] + self.bits[2])) | (cell(1) << self.bits[2]) | cell(2)
+        self.joined([0, 1, 2].map(|axis| self.lattice.cube(position_mm, axis)))
+    }
+
+    fn joined(&self, cube: [u32; 3]) -> u64 {
+        let [x, y, z] = [0, 1, 2].map(|axis| u64::from(cube[axis].saturating_sub(self.first[axis])) + 1);
+        (x << (self.bits[1] + self.bits[2])) | (y << self.bits[2]) | z
+    }
+
+    /// The key here of a cell that has this key in a grid over the same lattice, which lies within this one. Keys keep their order.
+    pub fn key_from(&self, other: &Self, key: u64) -> u64 {
+        let place = other.place(key);
+        self.joined([0, 1, 2].map(|axis| place[axis] as u32 - 1 + other.first[axis]))
+    }
+
+    /// Place of a cell in the grid along each axis, from 1 on.
+    pub fn place(&self, key: u64) -> [u64; 3] {
+        let [_, y, z] = self.bits;
+        let lowest = |key: u64, bits: u32| key & ((1 << bits) - 1);
+        [key >> (y + z), lowest(key >> z, y), lowest(key, z)]
+    }
+
+    /// Whether the cells of both are cubes of one lattice.
+    pub fn shares_cells(&self, other: &Self) -> bool {
+        self.lattice == other.lattice
     }
 
     /// Keys of the middle cells of the N rows (along z) around a cell, 9 or 25, less its own key.

@@ -3,8 +3,8 @@
 //! # Rules
 //! - A point stays when at least `min_neighbours` other points, of whichever pair, lie within the radius; otherwise
 //!   it is isolated and goes. Points that are not finite go too.
-//! - Without a radius in the settings it is `RADIUS_PER_SPACING` times the median distance of points that are
-//!   neighbours along an image row.
+//! - Without a radius in the settings it is three times the median distance of points that are
+//!   neighbours along an image row, of the first cloud that has enough of them: it is known before the other clouds exist.
 //! - Points come out in the order of the clouds, within a cloud in the order they came in (that of the pixels).
 //! - Overlap of two pairs a < b: for each point p of a, the mean of ½ (n_p + n_q)·(p − q) over the points q of b within
 //!   the radius whose normals agree with that of p. This is the distance from p to the local surface of b: positive where
@@ -21,29 +21,28 @@ mod isolated;
 mod near;
 mod overlap;
 mod report;
+mod runs;
+mod scale;
 mod sites;
 mod surroundings;
+mod taking;
 
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
-use cells::{Cells, Found, distance2};
+use cells::{Cells, Found};
 pub use disagreement::disagreement_warning;
 use disagreement::{Compared, Comparison, Raised};
-use grid::{Extent, Grid, is_finite};
-use isolated::{has_around, mark_beside};
+use grid::{Extent, Grid, Lattice, is_finite};
+use isolated::has_around;
 use near::Near;
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
 pub use report::{FusionReport, Overlap};
+use scale::Scale;
 use serde::{Deserialize, Serialize};
-
-/// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
-const RADIUS_PER_SPACING: f64 = 3.0;
-
-/// Pairs of pixel neighbours that are sampled for the spacing.
-const SPACING_SAMPLES: usize = 4096;
+use taking::Taken;
 
 /// Points of a piece, and cells of a part of an overlap: enough to be worth a thread's attention, and many for each thread.
 const PIECE: usize = 4096;
@@ -84,6 +83,9 @@ struct Piece {
 /// Fuses again and again with buffers that only grow.
 #[derive(Debug, Clone, Default)]
 pub struct Fuser {
+    /// Clouds that were taken before the others were there, with which scale and settings.
+    taken: Vec<Taken>,
+    begun: Option<(Scale, FusionSettings)>,
     /// Of each cloud, the pictures that it was measured from; none where that is not known.
     pictures: Vec<Vec<usize>>,
     pieces: Vec<Piece>,
@@ -152,89 +154,49 @@ impl Fuser {
     }
 
     fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, out: &mut [Point]) {
-        self.cut(clouds);
-        self.report.radius_mm = 0.0;
-        let wanted = settings.radius_mm.filter(|r| *r > 0.0);
-        let radius_mm = wanted.unwrap_or_else(|| self.radius(clouds));
-        let extent = self.look(clouds, radius_mm, settings.min_neighbours);
-        let grid = Grid::over(&extent, radius_mm);
-        self.per_cloud.resize_with(self.per_cloud.len().max(clouds.len()), Cells::default);
+        let (taken, scale) = self.keep_taken(clouds, settings);
+        (taken..clouds.len()).for_each(|number| self.cut(number, clouds[number]));
+        let spacings = &mut self.spacings;
+        let scale = scale.or_else(|| Scale::of_first(clouds, settings, spacings));
+        let scale = scale.or_else(|| Scale::of_all(clouds, spacings)).unwrap_or_default();
+        let extent = self.look((taken, &clouds[taken..]), scale.radius_mm, settings.min_neighbours);
+        let grid = Grid::over(Lattice::new(&scale, &extent), &extent);
         if let Some(grid) = &grid {
-            self.report.radius_mm = radius_mm;
-            self.per_cloud.par_iter_mut().zip(clouds).for_each(|(cells, cloud)| cells.fill(grid, cloud));
-            self.mark(clouds, grid, radius_mm, settings.min_neighbours);
+            self.fill(taken, clouds, grid);
+            self.mark((0, clouds), grid, scale.radius_mm, settings.min_neighbours);
         }
+        self.report.radius_mm = scale.radius_mm;
         self.copy(clouds, out);
         self.report.overlaps.clear();
         self.report.disagreeing = 0;
         if let Some(grid) = &grid {
             self.remove(clouds, grid);
-            self.overlaps(clouds.len(), grid, radius_mm, settings);
+            self.overlaps(clouds.len(), grid, scale.radius_mm, settings);
             self.raise(out);
         }
+        self.forget();
     }
 
-    /// Cuts the clouds into pieces.
-    fn cut(&mut self, clouds: &[&[Point]]) {
-        let pieces = clouds.iter().map(|cloud| cloud.len().div_ceil(PIECE)).sum();
-        clear_and_reserve(&mut self.pieces, pieces);
-        clear_and_reserve(&mut self.starts, pieces + 1);
-        let mut start = 0;
-        for (cloud, points) in clouds.iter().enumerate() {
-            for first in (0..points.len()).step_by(PIECE) {
-                let end = (first + PIECE).min(points.len());
-                self.pieces.push(Piece { cloud, first, end, extent: Extent::default(), kept: 0 });
-                self.starts.push(start);
-                start += end - first;
-            }
-        }
-        self.starts.push(start);
-    }
-
-    /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
-    fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
-        let stride = (count(clouds) / SPACING_SAMPLES).max(1);
-        clear_and_reserve(&mut self.spacings, count(clouds) / stride + clouds.len());
-        for cloud in clouds {
-            let neighbours =
-                cloud.windows(2).step_by(stride).filter(|w| w[1].pixel == w[0].pixel.wrapping_add(1));
-            let distances = neighbours.map(|w| distance2(&w[0].position_mm, &w[1].position_mm).sqrt());
-            self.spacings.extend(distances.filter(|d| d.is_finite()));
-        }
-        self.spacings.sort_unstable_by(f64::total_cmp);
-        let median = self.spacings.get(self.spacings.len() / 2).copied().filter(|d| *d > 0.0);
-        median.map_or(1.0, |spacing| RADIUS_PER_SPACING * spacing)
-    }
-
-    /// The first look at all points: the box that holds them, and which have enough neighbours beside them in the list.
-    fn look(&mut self, clouds: &[&[Point]], radius_mm: f64, min_neighbours: u32) -> Extent {
-        let limit = radius_mm * radius_mm;
-        clear_and_reserve(&mut self.keep, count(clouds));
-        self.keep.resize(count(clouds), false);
-        for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
-            piece.extent = Extent::of(piece.points(clouds));
-            mark_beside(clouds[piece.cloud], piece.first, limit, min_neighbours, keep);
-        });
-        self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent))
-    }
-
-    /// Marks the other points that are not isolated.
-    fn mark(&mut self, clouds: &[&[Point]], grid: &Grid, radius_mm: f64, min_neighbours: u32) {
-        let limit = radius_mm * radius_mm;
-        let per_cloud = &self.per_cloud[..clouds.len()];
-        for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
-            let cloud = clouds[piece.cloud];
+    /// Marks those of the other points of some clouds that are not isolated among them: they are not so among more clouds.
+    fn mark(
+        &mut self,
+        (first, clouds): (usize, &[&[Point]]),
+        grid: &Grid,
+        radius_mm: f64,
+        min_neighbours: u32,
+    ) {
+        let wanted = (radius_mm * radius_mm, min_neighbours);
+        let per_cloud = &self.per_cloud[first..first + clouds.len()];
+        let pieces = self.pieces.partition_point(|piece| piece.cloud < first);
+        let Some(starts) = self.starts.get(pieces..).filter(|starts| !starts.is_empty()) else { return };
+        for_parts(starts, &mut self.keep[starts[0]..], &mut self.pieces[pieces..], &|_, keep, piece| {
+            let own = piece.cloud - first;
+            let cloud = clouds[own];
             let mut found = Found::default();
             for (index, keep) in (piece.first..piece.end).zip(keep.iter_mut()) {
                 *keep = *keep
                     || (is_finite(&cloud[index])
-                        && has_around(
-                            (per_cloud, piece.cloud),
-                            grid,
-                            &cloud[index],
-                            &mut found,
-                            (limit, min_neighbours),
-                        ));
+                        && has_around((per_cloud, own), grid, &cloud[index], &mut found, wanted));
             }
             piece.kept = keep.iter().map(|keep| usize::from(*keep)).sum();
         });

@@ -1,11 +1,14 @@
 //! Points as the search sees them: each property a list of its own, so that eight of them are one step of a vector loop.
 
 use super::buffers::clear_and_reserve;
-use super::cells::Run;
-use crate::cloud::Point;
+use super::cells::Cloud;
+use rayon::prelude::*;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
 pub(super) const LANES: usize = 8;
+
+/// Sites that one thread takes.
+const PIECE: usize = 4096;
 
 /// Points in the order of their cells.
 #[derive(Debug, Clone, Default)]
@@ -29,23 +32,27 @@ pub(super) struct Place {
 }
 
 impl Sites {
-    /// Takes points of a cloud, one run of them after another. Behind them come places that no search finds, so that
-    /// a step of a loop may begin at any site.
-    pub fn take(&mut self, runs: &[Run], points: &[Point]) {
-        let entries = runs.iter().map(|run| run.count as usize).sum::<usize>() + LANES;
+    /// Takes the points of a cloud. Behind them come places that no search finds, so that a step of a loop may begin at any site.
+    pub fn take(&mut self, cloud: &Cloud) {
+        let sites = cloud.sites();
+        let entries = sites + LANES;
         self.position_mm.iter_mut().for_each(|list| resize(list, entries, f64::NAN));
         self.normal.iter_mut().for_each(|list| resize(list, entries, 0.0));
         resize(&mut self.sigma_mm, entries, 0.0);
-        let [x, y, z] = &mut self.position_mm;
-        let [nx, ny, nz] = &mut self.normal;
-        let positions = x.iter_mut().zip(y).zip(z);
-        let lists = positions.zip(nx.iter_mut().zip(ny).zip(nz)).zip(&mut self.sigma_mm);
-        let points = runs.iter().flat_map(|run| &points[run.first as usize..][..run.count as usize]);
-        for (((((x, y), z), ((nx, ny), nz)), sigma), point) in lists.zip(points) {
-            [*x, *y, *z] = point.position_mm;
-            [*nx, *ny, *nz] = point.normal;
-            *sigma = point.sigma_mm;
-        }
+        let [x, y, z] = self.position_mm.each_mut().map(|list| list[..sites].par_chunks_mut(PIECE));
+        let [nx, ny, nz] = self.normal.each_mut().map(|list| list[..sites].par_chunks_mut(PIECE));
+        let pieces =
+            x.zip(y).zip(z).zip(nx.zip(ny).zip(nz)).zip(self.sigma_mm[..sites].par_chunks_mut(PIECE));
+        pieces.enumerate().for_each(|(piece, ((((x, y), z), ((nx, ny), nz)), sigma))| {
+            let positions = x.iter_mut().zip(y).zip(z);
+            let lists = positions.zip(nx.iter_mut().zip(ny).zip(nz)).zip(sigma);
+            for (((((x, y), z), ((nx, ny), nz)), sigma), point) in lists.zip(cloud.points_from(piece * PIECE))
+            {
+                [*x, *y, *z] = point.position_mm;
+                [*nx, *ny, *nz] = point.normal;
+                *sigma = point.sigma_mm;
+            }
+        });
     }
 
     /// Takes a site out of all searches: it then lies nowhere.

@@ -69,7 +69,7 @@ mod tests {
             every in 1_usize..3,
         ) {
             let (a, b) = (cloud(&places), cloud(&other));
-            let grid = Grid::over(&Extent::of(&a).and(&Extent::of(&b)), 0.8).unwrap();
+            let grid = Grid::of(&Extent::of(&a).and(&Extent::of(&b)), 0.8).unwrap();
             let (mut asked, mut cells) = (Cells::default(), Cells::default());
             asked.fill(&grid, &a);
             cells.fill(&grid, &b);
@@ -77,11 +77,7 @@ mod tests {
             for key in (0..asked.len()).map(|cell| asked.key(cell)).step_by(every) {
                 let around = |reach: u64| -> Vec<usize> {
                     let apart = |other: u64| {
-                        let place = |key: u64| [
-                            key >> (grid.bits[1] + grid.bits[2]),
-                            (key >> grid.bits[2]) & ((1 << grid.bits[1]) - 1),
-                            key & ((1 << grid.bits[2]) - 1),
-                        ];
+                        let place = |key: u64| grid.place(key);
                         let (here, there) = (place(key), place(other));
                         (0..3).map(|axis| here[axis].abs_diff(there[axis])).max()
                     };

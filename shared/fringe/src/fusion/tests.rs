@@ -1,5 +1,6 @@
 //! Fusion against closed forms.
 
+use super::cells::distance2;
 use super::*;
 use crate::matching::{MatchSettings, Matcher};
 use crate::pattern::Axis;
