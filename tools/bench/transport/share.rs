@@ -1,14 +1,14 @@
 //! Which share of a cycle handing over takes, from the trace of a run.
 //!
 //! From the verdict back to the first pattern there is one chain of work in which each piece began when the last thing
-//! that it needed was done: an input, or the work before it on its core. Between the two lies the hand-over: report, notification,
+//! that it needed was done: an input, or the work before it in its lane. Between the two lies the hand-over: report, notification,
 //! waking up, taking. With it counts the time that the chain's own work spent on sending, and the ways from the
 //! supervisor and back to it. The rest of the chain is work. What a stage did apart from the schedule before it waited
 //! (the twin moves its part) is neither.
 
 use anyhow::{Context, Result, ensure};
 use cell::Cell;
-use cell::schedule::{Work, label};
+use cell::schedule::{Order, Work, label};
 use files::result::OUTCOME_OK;
 use files::trace::{Trace, TraceCycle, TraceSpan};
 use serde::Serialize;
@@ -122,12 +122,13 @@ fn between(chains: &[Chain]) -> Vec<Between> {
 /// An activation of a cycle.
 type Place = (u64, usize);
 
-/// All that was done, by cycle and activation, and by core.
+/// All that was done, by cycle and activation, and by lane.
 struct Done<'a> {
     cell: &'a Cell,
     spans: BTreeMap<Place, &'a TraceSpan>,
-    /// Of each core, in the order of the ends.
-    cores: Vec<Vec<(u64, Place)>>,
+    order: Order,
+    /// Of each lane, in the order of the ends.
+    lanes: Vec<Vec<(u64, Place)>>,
 }
 
 impl<'a> Done<'a> {
@@ -138,7 +139,9 @@ impl<'a> Done<'a> {
             ((stage, label(&cell.graph, activation.work)), number)
         });
         let numbers: BTreeMap<(&str, String), usize> = named.collect();
-        let mut done = Self { cell, spans: BTreeMap::new(), cores: vec![Vec::new(); schedule.cores] };
+        let order = Order::new(schedule);
+        let lanes = vec![Vec::new(); order.lanes.len()];
+        let mut done = Self { cell, spans: BTreeMap::new(), order, lanes };
         for span in &trace.spans {
             let stage = trace.stages.get(span.stage).map_or("", String::as_str);
             // What writes a recording runs beside the measurement.
@@ -151,11 +154,10 @@ impl<'a> Done<'a> {
                     span.name
                 )
             })?;
-            let core = schedule.stages[schedule.activations[*number].stage].core;
-            done.cores[core].push((span.end_ns, (span.cycle, *number)));
+            done.lanes[done.order.lane[*number]].push((span.end_ns, (span.cycle, *number)));
             done.spans.insert((span.cycle, *number), span);
         }
-        done.cores.iter_mut().for_each(|core| core.sort_unstable());
+        done.lanes.iter_mut().for_each(|lane| lane.sort_unstable());
         Ok(done)
     }
 
@@ -189,14 +191,14 @@ impl<'a> Done<'a> {
         }
     }
 
-    /// What an activation had to wait for last: an input, or what its core did before it, be it of another cycle.
+    /// What an activation had to wait for last: an input, or what its lane did before it, be it of another cycle.
     fn before(&self, (cycle, number): Place, start_ns: u64) -> Option<(u64, Place)> {
         let activation = &self.cell.schedule.activations[number];
-        let core = &self.cores[self.cell.schedule.stages[activation.stage].core];
-        let on_core = core[..core.partition_point(|(end_ns, _)| *end_ns <= start_ns)].last().copied();
+        let lane = &self.lanes[self.order.lane[number]];
+        let in_lane = lane[..lane.partition_point(|(end_ns, _)| *end_ns <= start_ns)].last().copied();
         let places = activation.inputs.iter().map(|&input| (cycle, input));
         let inputs = places.filter_map(|place| Some((self.spans.get(&place)?.end_ns, place)));
-        inputs.max().max(on_core)
+        inputs.max().max(in_lane)
     }
 
     /// Patterns at a given rate wait for their time, not for another stage.
@@ -230,17 +232,18 @@ mod tests {
     /// A run in which every piece of work takes 1000 ns, of which 100 are sending, and every hand-over 50.
     fn trace(cell: &Cell, cycles: u64) -> Trace {
         let schedule = &cell.schedule;
+        let order = Order::new(schedule);
         let (mut spans, mut rows): (Vec<TraceSpan>, Vec<TraceCycle>) = (Vec::new(), Vec::new());
         let mut now_ns = 10_000;
         for cycle in 0..cycles {
             let start_ns = now_ns;
-            let mut core_ns = vec![start_ns; schedule.cores];
+            let mut lane_ns = vec![start_ns; order.lanes.len()];
             let mut end_ns = vec![0; schedule.activations.len()];
             for (number, activation) in schedule.activations.iter().enumerate() {
-                let core = schedule.stages[activation.stage].core;
+                let lane = order.lane[number];
                 let inputs = activation.inputs.iter().map(|&input| end_ns[input]);
-                let begin = inputs.fold(core_ns[core], u64::max) + 50;
-                (end_ns[number], core_ns[core]) = (begin + 1000, begin + 1000);
+                let begin = inputs.fold(lane_ns[lane], u64::max) + 50;
+                (end_ns[number], lane_ns[lane]) = (begin + 1000, begin + 1000);
                 spans.push(TraceSpan {
                     stage: activation.stage,
                     name: label(&cell.graph, activation.work),

@@ -82,7 +82,7 @@ use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
 use task::{Hit, Task};
 
-/// Parts of the rows that are matched before their points are put in the order of the pixels.
+/// Parts of the rows that are matched before what they found is put in the order of the pixels, which one thread does while others match the next ones.
 const PARTS_AT_ONCE: usize = 8;
 
 /// Relative difference of two periods that are the same: they come from the same sequence.
@@ -108,15 +108,16 @@ pub struct Matcher {
     outside: Vec<u32>,
     /// Number of the first group of pixels of each part.
     parts: Vec<usize>,
-    tasks: Vec<Task>,
+    /// Of the parts that are matched, and of those whose points are put in order meanwhile.
+    tasks: [Vec<Task>; 2],
     /// Left and right phase with NaN where masked, where the maps do not have it so.
     copies: [Vec<f32>; 2],
     /// Where surfaces end in both pictures.
     ends: Ends,
     /// Scratch for the noise of both maps.
     noise: [Vec<f32>; 2],
-    /// What was found of the lit groups of the parts that are matched at once, part by part.
-    hits: Vec<Hit>,
+    /// What was found of the lit groups of these parts, part by part.
+    hits: [Vec<Hit>; 2],
     surface: SurfaceBuilder,
     /// Instructions that may be used.
     level: Level,
@@ -153,7 +154,7 @@ impl Matcher {
         let parts = order.parts();
         let at_once = PARTS_AT_ONCE.min(parts.len() - 1);
         let task = |_| Task::with_capacity(left_grid.width, right_grid.width);
-        let tasks = (0..at_once).map(task).collect();
+        let tasks: Vec<Task> = (0..at_once).map(task).collect();
         let most = parts.windows(at_once + 1).map(|parts| parts[at_once] - parts[0]).max().unwrap_or(0);
         Ok(Self {
             settings: *settings,
@@ -161,11 +162,11 @@ impl Matcher {
             left_grid,
             right_grid,
             parts,
-            tasks,
+            tasks: [tasks.clone(), tasks],
             copies: [Vec::new(), Vec::new()],
             ends: Ends::new([left, right].map(|camera| [camera.width_px, camera.height_px])),
             noise: [(); 2].map(|()| Vec::with_capacity(WINDOWS)),
-            hits: vec![Hit::NONE; most],
+            hits: [(); 2].map(|()| vec![Hit::NONE; most]),
             outside: order.others(columns * rows),
             order,
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
@@ -269,7 +270,7 @@ impl Matcher {
         self.surface.causes()
     }
 
-    /// Matches some parts of the rows at a time, so that what they found lies in the cache when it is put in the order of the pixels.
+    /// Matches some parts of the rows at a time, so that what they found lies in a cache when it is put in the order of the pixels.
     fn match_rows(
         &mut self,
         left: &PhaseView,
@@ -305,22 +306,25 @@ impl Matcher {
                 .depth_mm
                 .map(|[near, far]| [pair.baseline_mm / far, pair.baseline_mm / near]),
         };
+        let ([mut tasks, mut others], [mut hits, mut found]) = (tasks.each_mut(), hits.each_mut());
         let mut sum = MatchReport::default();
-        let count = parts.len() - 1;
-        for first in (0..count).step_by(PARTS_AT_ONCE) {
-            let last = (first + PARTS_AT_ONCE).min(count);
-            let (starts, tasks) = (&parts[first..=last], &mut tasks[..last - first]);
-            for_parts(starts, &mut hits[..parts[last] - parts[first]], tasks, &|part, hits, task| {
-                task.report = MatchReport::default();
-                scan.part(first + part, hits, task);
-            });
-            for (start, task) in starts.iter().zip(tasks) {
-                for hit in &hits[start - parts[first]..][..task.lit] {
-                    order.group(hit.group).put(surface, &hit.samples);
-                }
-                sum.add(&task.report);
-            }
+        let mut starts = &parts[..1];
+        for first in (0..parts.len() - 1).step_by(PARTS_AT_ONCE) {
+            let before = (starts, others.as_slice(), found.as_slice());
+            starts = &parts[first..(first + PARTS_AT_ONCE + 1).min(parts.len())];
+            let (last, count) = (starts.len() - 1, starts[starts.len() - 1] - starts[0]);
+            rayon::join(
+                || put(order, before, surface, &mut sum),
+                || {
+                    for_parts(starts, &mut hits[..count], &mut tasks[..last], &|part, hits, task| {
+                        task.report = MatchReport::default();
+                        scan.part(first + part, hits, task);
+                    });
+                },
+            );
+            (tasks, others, hits, found) = (others, tasks, found, hits);
         }
+        put(order, (starts, others, found), surface, &mut sum);
         sum
     }
 
@@ -336,6 +340,21 @@ impl Matcher {
         }
         let needed = self.capacity();
         if capacity < needed { Err(MatchError::BufferTooSmall { capacity, needed }) } else { Ok(()) }
+    }
+}
+
+/// Puts what was found of some parts in the order of the pixels.
+fn put(
+    order: &Order,
+    (starts, tasks, found): (&[usize], &[Task], &[Hit]),
+    surface: &mut SurfaceBuilder,
+    sum: &mut MatchReport,
+) {
+    for (start, task) in starts[..starts.len() - 1].iter().zip(tasks) {
+        for hit in &found[start - starts[0]..][..task.lit] {
+            order.group(hit.group).put(surface, &hit.samples);
+        }
+        sum.add(&task.report);
     }
 }
 

@@ -14,11 +14,15 @@ use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
 use bytemuck::Zeroable;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::ops::Range;
 use std::slice::IterMut;
 
 /// Points of parts that are worked on together.
 const POINTS_AT_ONCE: usize = 131_072;
+
+/// Parts whose samples one thread counts.
+const COUNTED_AT_ONCE: usize = 8;
 
 impl SurfaceBuilder {
     /// Drops spikes, crumbs and steep points from the samples that were put or loaded, then writes the points in pixel order; `out` has at least one
@@ -33,14 +37,7 @@ impl SurfaceBuilder {
     }
 
     fn write(&mut self, view: &View, link: Link, pair: u32, out: &mut [Point]) -> SurfaceReport {
-        let mut total = 0;
-        for (part, start) in self.point_parts.iter_mut().enumerate() {
-            *start = total;
-            if let Some(end) = self.row_parts.get(part + 1) {
-                let depths = &self.raster.depths[self.row_parts[part]..*end];
-                total += depths.iter().map(|depth| usize::from(depth.is_finite())).sum::<usize>();
-            }
-        }
+        let total = self.count_samples();
         let excess = self.excess(view, link, total);
         let selector = Selector {
             view,
@@ -71,6 +68,23 @@ impl SurfaceBuilder {
             first = last;
         }
         report
+    }
+
+    /// Finds where the points of each part begin if each sample becomes one, and counts the samples.
+    fn count_samples(&mut self) -> usize {
+        let depths = &self.raster.depths;
+        let parts = self.point_parts.par_iter_mut().zip(self.row_parts.par_windows(2));
+        parts.with_min_len(COUNTED_AT_ONCE).for_each(|(count, ends)| {
+            let finite = depths[ends[0]..ends[1]].iter().map(|depth| usize::from(depth.is_finite()));
+            *count = finite.sum();
+        });
+        let mut total = 0;
+        let Some((end, parts)) = self.point_parts.split_last_mut() else { return 0 };
+        for start in parts {
+            total += std::mem::replace(start, total);
+        }
+        *end = total;
+        total
     }
 }
 
