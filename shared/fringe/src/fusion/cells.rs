@@ -43,8 +43,12 @@ impl<'a> Cloud<'a> {
         let cell = self.cells.partition_point(|cell| cell.site as usize <= site).saturating_sub(1);
         let Cell { site: first, run, .. } = self.cells[cell];
         let (cloud, runs) = (self.points, &self.runs[run as usize..]);
-        let points = runs.iter().flat_map(|run| &cloud[run.first as usize..][..run.count as usize]);
-        points.skip(site - first as usize)
+        let mut before = site - first as usize;
+        runs.iter().flat_map(move |run| {
+            let left_out = before.min(run.count as usize);
+            before -= left_out;
+            &cloud[run.first as usize + left_out..][..run.count as usize - left_out]
+        })
     }
 }
 
@@ -93,7 +97,7 @@ impl Cells {
         self.occupied.push(Cell { key: u64::MAX, site, run: runs.len() as u32 });
     }
 
-    /// Forgets all sites.
+    /// Forgets the sites of all cells.
     pub fn clear(&mut self) {
         self.grid = None;
         self.occupied.clear();

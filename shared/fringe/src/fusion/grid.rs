@@ -79,9 +79,10 @@ impl Lattice {
         Self { origin_mm: scale.origin_mm, per_mm: 1.0 / cell_mm }
     }
 
-    /// Number of the cube that holds a place, along one axis.
-    fn cube(&self, position_mm: &[f64; 3], axis: usize) -> u32 {
-        ((position_mm[axis] - self.origin_mm[axis]) * self.per_mm + FIRST) as u32
+    /// Place along one axis, in cubes: a multiple of 2⁻³⁰ where it is none of an absurd extent.
+    #[inline(always)]
+    fn cubes(&self, position_mm: &[f64; 3], axis: usize) -> f64 {
+        (position_mm[axis] - self.origin_mm[axis]) * self.per_mm + FIRST
     }
 }
 
@@ -89,8 +90,8 @@ impl Lattice {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Grid {
     lattice: Lattice,
-    /// Number of the first cube along each axis.
-    first: [u32; 3],
+    /// Number of the cube before the first one along each axis.
+    before: [f64; 3],
     bits: [u32; 3],
 }
 
@@ -98,13 +99,14 @@ impl Grid {
     /// Over the points of a box; `None` where it holds none.
     pub fn over(lattice: Lattice, extent: &Extent) -> Option<Self> {
         let low = extent.corner_mm()?;
-        let first = [0, 1, 2].map(|axis| lattice.cube(&low, axis));
-        let bits = [0, 1, 2].map(|axis| {
+        let mut grid = Self { lattice, before: [0.0; 3], bits: [0; 3] };
+        for axis in 0..3 {
+            grid.before[axis] = f64::from(lattice.cubes(&low, axis) as u32) - 1.0;
             // Two more than there are: a free cell on either side, so that neighbours never wrap into another row.
-            let cells = u64::from(lattice.cube(&extent.high_mm, axis).saturating_sub(first[axis])) + 4;
-            u64::BITS - cells.leading_zeros()
-        });
-        Some(Self { lattice, first, bits })
+            let cells = grid.cell(&extent.high_mm, axis) + 3;
+            grid.bits[axis] = u64::BITS - cells.leading_zeros();
+        }
+        Some(grid)
     }
 
     /// Over a box, with its lowest corner as the origin.
@@ -120,19 +122,26 @@ impl Grid {
     }
 
     /// Key of the cell that holds a place of the box. Where the box is longer than numbers reach, cells are one.
+    #[inline(always)]
     pub fn key(&self, position_mm: &[f64; 3]) -> u64 {
-        self.joined([0, 1, 2].map(|axis| self.lattice.cube(position_mm, axis)))
+        self.joined([0, 1, 2].map(|axis| self.cell(position_mm, axis)))
     }
 
-    fn joined(&self, cube: [u32; 3]) -> u64 {
-        let [x, y, z] = [0, 1, 2].map(|axis| u64::from(cube[axis].saturating_sub(self.first[axis])) + 1);
+    /// Number of the cell that holds a place, from 1 on. The difference is exact, so that grids over one lattice have the same cells.
+    #[inline(always)]
+    fn cell(&self, position_mm: &[f64; 3], axis: usize) -> u64 {
+        u64::from((self.lattice.cubes(position_mm, axis) - self.before[axis]) as u32)
+    }
+
+    #[inline(always)]
+    fn joined(&self, [x, y, z]: [u64; 3]) -> u64 {
         (x << (self.bits[1] + self.bits[2])) | (y << self.bits[2]) | z
     }
 
     /// The key here of a cell that has this key in a grid over the same lattice, which lies within this one. Keys keep their order.
     pub fn key_from(&self, other: &Self, key: u64) -> u64 {
         let place = other.place(key);
-        self.joined([0, 1, 2].map(|axis| place[axis] as u32 - 1 + other.first[axis]))
+        self.joined([0, 1, 2].map(|axis| place[axis] + (other.before[axis] - self.before[axis]) as u64))
     }
 
     /// Place of a cell in the grid along each axis, from 1 on.

@@ -66,17 +66,22 @@ impl Runs {
 
 /// Writes the runs of some points, the first of which has this number, and says how many there are.
 fn runs_of(grid: &Grid, points: &[Point], first: u32, runs: &mut [Run]) -> usize {
-    let mut last = Run::default();
-    let mut count = 0;
+    let (mut run, mut count) = (Run::default(), 0);
     for (point, number) in points.iter().zip(first..).filter(|(point, _)| is_finite(point)) {
         let key = grid.key(&point.position_mm);
-        if count > 0 && last.key == key && last.first + last.count == number {
-            last.count += 1;
-        } else {
-            last = Run { key, first: number, count: 1 };
+        if run.key == key && run.first + run.count == number {
+            run.count += 1;
+            continue;
+        }
+        if run.count > 0 {
+            runs[count] = run;
             count += 1;
         }
-        runs[count - 1] = last;
+        run = Run { key, first: number, count: 1 };
+    }
+    if run.count > 0 {
+        runs[count] = run;
+        count += 1;
     }
     count
 }
