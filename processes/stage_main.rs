@@ -3,7 +3,6 @@
 use crate::stage::{StageArgs, StageContext, Worker, check_files, serve};
 use crate::{capture, decode, fusion, inspection, link, matching, projection, record};
 use anyhow::{Context, Result, ensure};
-use cell::graph::Graph;
 use cell::schedule::{Half, Kind};
 use cell::{Cell, Options};
 use ipc::os;
@@ -28,7 +27,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
     check_files(&cell, &args.files)?;
     pin(&cell, args)?;
     claim(&cell, args.kind);
-    build_thread_pool(threads(&cell.graph, args.kind))?;
+    build_thread_pool()?;
     let mut context = StageContext::join(args, cell)?;
     let ended = worker(args, &context).and_then(|mut worker| serve(&mut context, worker.as_mut()));
     if let Err(error) = &ended {
@@ -77,22 +76,10 @@ fn claim(cell: &Cell, kind: Kind) {
     }
 }
 
-/// Threads of a stage; 0: as many as there are cores. The decoders of a group of projectors have the same work at the same time: each gets its
-/// share of the cores, since threads that outnumber them only take turns. `RAYON_NUM_THREADS` goes before that.
-fn threads(graph: &Graph, kind: Kind) -> usize {
-    let lit = |group: &Vec<usize>| group.iter().map(|p| graph.projectors[*p].cameras.len()).sum();
-    let at_once: usize = graph.groups.iter().map(lit).max().unwrap_or(1);
-    if kind != Kind::Decode || at_once > graph.cores || std::env::var_os("RAYON_NUM_THREADS").is_some() {
-        return 0;
-    }
-    std::thread::available_parallelism().map_or(0, |cores| cores.get().div_ceil(at_once.max(1)))
-}
-
 /// Makes this thread part of the pool of the parallel kernels; otherwise it would pass work through a queue that allocates,
 /// and sleep. Call it after pinning: the other threads inherit the cores.
-fn build_thread_pool(threads: usize) -> Result<()> {
+fn build_thread_pool() -> Result<()> {
     rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
         .use_current_thread()
         .build_global()
         .context("starting the threads of the parallel kernels")?;
