@@ -1,6 +1,5 @@
 //! The grid that neighbours are searched in, and the box of the points that it covers.
 
-use super::scale::Scale;
 use crate::cloud::Point;
 
 /// Cells along one axis at most: three axes fill a 63-bit key.
@@ -71,12 +70,12 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// Cubes for points in a box, in which the origin of the scale lies. Points within the radius of each other are at most one cube apart.
-    pub fn new(scale: &Scale, extent: &Extent) -> Self {
+    /// Cubes for points in a box, in which the origin lies. Points within the radius of each other are at most one cube apart.
+    pub fn new(origin_mm: [f64; 3], radius_mm: f64, extent: &Extent) -> Self {
         let longest = (0..3).map(|axis| extent.high_mm[axis] - extent.low_mm[axis]).fold(0.0, f64::max);
         // Absurd extents get coarser cells instead of an overflow; the distances are checked anyway.
-        let cell_mm = (scale.radius_mm * WIDER).max(longest / MAX_CELLS).max(f64::MIN_POSITIVE);
-        Self { origin_mm: scale.origin_mm, per_mm: 1.0 / cell_mm }
+        let cell_mm = (radius_mm * WIDER).max(longest / MAX_CELLS).max(f64::MIN_POSITIVE);
+        Self { origin_mm, per_mm: 1.0 / cell_mm }
     }
 
     /// Place along one axis, in cubes: a multiple of 2⁻³⁰ where it is none of an absurd extent.
@@ -112,8 +111,7 @@ impl Grid {
     /// Over a box, with its lowest corner as the origin.
     #[cfg(test)]
     pub fn of(extent: &Extent, radius_mm: f64) -> Option<Self> {
-        let scale = Scale { radius_mm, origin_mm: extent.corner_mm()? };
-        Self::over(Lattice::new(&scale, extent), extent)
+        Self::over(Lattice::new(extent.corner_mm()?, radius_mm, extent), extent)
     }
 
     /// Bits of a key.

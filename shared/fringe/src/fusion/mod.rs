@@ -160,7 +160,7 @@ impl Fuser {
         let scale = scale.or_else(|| Scale::of_first(clouds, settings, spacings));
         let scale = scale.or_else(|| Scale::of_all(clouds, spacings)).unwrap_or_default();
         let extent = self.look((taken, &clouds[taken..]), scale.radius_mm, settings.min_neighbours);
-        let grid = Grid::over(Lattice::new(&scale, &extent), &extent);
+        let grid = Grid::over(Lattice::new(scale.origin_mm, scale.radius_mm, &extent), &extent);
         if let Some(grid) = &grid {
             self.fill(taken, clouds, grid);
             self.mark((0, clouds), grid, scale.radius_mm, settings.min_neighbours);

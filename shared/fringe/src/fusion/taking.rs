@@ -41,7 +41,7 @@ impl Fuser {
         self.cut(number, points);
         let extent = self.look((number, &[points]), scale.radius_mm, settings.min_neighbours);
         self.per_cloud.resize_with(self.per_cloud.len().max(number + 1), Cells::default);
-        if let Some(grid) = Grid::over(Lattice::new(&scale, &extent), &extent) {
+        if let Some(grid) = Grid::over(Lattice::new(scale.origin_mm, scale.radius_mm, &extent), &extent) {
             self.per_cloud[number].fill(&grid, points);
             self.mark((number, &[points]), &grid, scale.radius_mm, settings.min_neighbours);
         } else {
