@@ -12,7 +12,5 @@ pub(super) fn reserve<T>(list: &mut Vec<T>, more: usize) {
 /// part is a little larger or smaller.
 pub(super) fn clear_and_reserve<T>(list: &mut Vec<T>, entries: usize) {
     list.clear();
-    if list.capacity() < entries {
-        list.reserve_exact(entries + entries / 4);
-    }
+    reserve(list, entries);
 }

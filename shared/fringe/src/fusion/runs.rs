@@ -2,13 +2,11 @@
 //!
 //! Their keys are sorted by a stable radix sort, so that equal input gives equal order.
 
+use super::PIECE;
 use super::buffers::clear_and_reserve;
 use super::grid::{Grid, is_finite};
 use crate::cloud::Point;
 use rayon::prelude::*;
-
-/// Points that one thread takes.
-const PIECE: usize = 4096;
 
 /// Bits per pass of the radix sort.
 const DIGIT_BITS: u32 = 11;

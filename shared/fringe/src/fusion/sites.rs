@@ -1,14 +1,12 @@
 //! Points as the search sees them: each property a list of its own, so that eight of them are one step of a vector loop.
 
+use super::PIECE;
 use super::buffers::clear_and_reserve;
 use super::cells::Cloud;
 use rayon::prelude::*;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
 pub(super) const LANES: usize = 8;
-
-/// Sites that one thread takes.
-const PIECE: usize = 4096;
 
 /// Points in the order of their cells.
 #[derive(Debug, Clone, Default)]
