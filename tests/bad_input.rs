@@ -228,7 +228,7 @@ fn arguments_that_make_no_sense_end_with_code_2() {
 fn copy(original: &Small) -> Small {
     let folder = tempfile::TempDir::new().unwrap();
     copy_folder(original.folder.path(), folder.path());
-    Small { folder }
+    Small::within(folder)
 }
 
 fn copy_folder(from: &std::path::Path, to: &std::path::Path) {

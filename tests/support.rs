@@ -85,7 +85,44 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
 
 /// A small two-camera recording of the twin with its rig file, for tests that break things.
 pub struct Small {
+    // Before the folder: fields are dropped in this order.
+    _programs: EndedWithTheTest,
     pub folder: TempDir,
+}
+
+/// Programs that work on files of a folder. A test that fails leaves its cell at work, which takes a core from all tests after
+/// it: the cell is asked to end, and killed if it does not.
+struct EndedWithTheTest(String);
+
+impl EndedWithTheTest {
+    /// Those that still work; a zombie has no command line.
+    fn left(&self) -> Vec<String> {
+        let processes = std::fs::read_dir("/proc").into_iter().flatten().filter_map(Result::ok);
+        let names = processes.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let works_here = |pid: &String| {
+            let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            String::from_utf8_lossy(&line).contains(&self.0)
+        };
+        names.filter(|name| name.bytes().all(|byte| byte.is_ascii_digit())).filter(works_here).collect()
+    }
+}
+
+impl Drop for EndedWithTheTest {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            return;
+        }
+        for signal in ["-TERM", "-KILL"] {
+            for _ in 0..50 {
+                let left = self.left();
+                if left.is_empty() {
+                    return;
+                }
+                let _ = Command::new("kill").arg(signal).args(left).output();
+                std::thread::sleep(std::time::Duration::from_millis(100));
+            }
+        }
+    }
 }
 
 /// Columns and rows of the small cameras.
@@ -99,10 +136,16 @@ impl Small {
         let path = folder.path().join("rig.toml");
         files::rig_file::write_rig(&path, &rig, &toml::Table::new(), None).expect("rig.toml");
         std::fs::write(folder.path().join("cell.toml"), small_cell()).expect("cell.toml");
-        let small = Self { folder };
+        let small = Self::within(folder);
         let (cell, out) = (small.path("cell.toml"), small.path("rec"));
         fringetool(&["simulate", &cell, "--out", &out]).expect_success();
         small
+    }
+
+    /// The same in a folder that has its files already, or will have them.
+    pub fn within(folder: TempDir) -> Self {
+        let path = folder.path().to_str().expect("a path in UTF-8").to_owned();
+        Self { _programs: EndedWithTheTest(path), folder }
     }
 
     /// A path inside, as text.

@@ -1,12 +1,11 @@
 //! Narrow gaps in a raster: a masked line or speck through a surface, beyond which the surface goes on.
 
-// Without branches a loop vectorises.
-#![allow(clippy::needless_bitwise_bool)]
-
 use super::buffers::SurfaceBuilder;
 use super::normals::Link;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
+use crate::surface::LANES;
+use fearless_simd::{Simd, SimdBase, SimdMask, f32x8, f64x8};
 
 /// Widest gap that is bridged, px.
 pub(crate) const GAP_PX: usize = 3;
@@ -36,7 +35,14 @@ impl SurfaceBuilder {
         for_parts(row_parts, keep, counts, &|part, keep, _| {
             let first = row_parts[part] / width;
             for (row, line) in keep.chunks_mut(width).enumerate() {
-                vectorised!(*level, mark_row((width, height), &raster.depths, first + row, line, &joined));
+                vectorised!(*level, |simd| mark_row(
+                    simd,
+                    (width, height),
+                    &raster.depths,
+                    first + row,
+                    line,
+                    &joined
+                ));
             }
         });
     }
@@ -45,37 +51,80 @@ impl SurfaceBuilder {
 /// Pixels that are looked at together.
 const GROUP: usize = 16;
 
+/// A bit for each pixel of a group and of what stands within a gap beside it, the leftmost one lowest.
+type Bits = u32;
+
 /// Marks the absent values (NaN) of a row that lie in a narrow gap. `joined(i, j, distance)` states whether two values belong together.
 #[inline(always)]
-pub(super) fn mark_row<T: Value>(
+pub(super) fn mark_row<S: Simd, T: Value>(
+    simd: S,
     (width, height): (usize, usize),
     values: &[T],
     row: usize,
     line: &mut [u8],
     joined: &impl Fn(usize, usize, usize) -> bool,
 ) {
-    let (above, below) = (row.saturating_sub(GAP_PX)..row, row + 1..(row + 1 + GAP_PX).min(height));
-    for (group, marks) in line.chunks_mut(GROUP).enumerate() {
-        let first = group * GROUP;
-        marks.fill(0);
-        let (mut all, mut any) = (true, false);
-        for value in &values[row * width + first..][..marks.len()] {
-            all &= value.is_there();
-            any |= value.is_there();
-        }
-        // Most groups are of one kind. One without a value is wider than a gap, or ends with the picture: only what stands above and below it counts.
-        let shows = |r: usize| {
-            let values = &values[r * width + first..][..marks.len()];
-            values.iter().fold(false, |any, value| any | value.is_there())
-        };
-        let enclosed = || below.clone().any(shows) && above.clone().any(shows);
-        if all || !(any || enclosed()) {
+    line.fill(0);
+    for first in (0..width).step_by(GROUP) {
+        let count = GROUP.min(width - first);
+        let own = there(simd, values, row * width + first, count);
+        let absent = !own & ((1 << count) - 1);
+        // Most groups are of one kind. One without a value is wider than a gap, or ends with the picture.
+        if absent == 0 {
             continue;
         }
-        for (offset, mark) in marks.iter_mut().enumerate() {
-            *mark = u8::from(in_gap((width, height), values, (first + offset, row), joined));
+        let mut enclosed = 0;
+        if own != 0 {
+            enclosed = enclosed_in_row((first, count), own, &values[row * width..][..width]);
+        }
+        let (mut above, mut below) = (0, 0);
+        for other in row + 1..(row + 1 + GAP_PX).min(height) {
+            below |= there(simd, values, other * width + first, count);
+        }
+        if below & absent != 0 {
+            for other in row.saturating_sub(GAP_PX)..row {
+                above |= there(simd, values, other * width + first, count);
+            }
+        }
+        let mut asked = absent & (enclosed | (above & below));
+        while asked != 0 {
+            let column = first + asked.trailing_zeros() as usize;
+            line[column] = u8::from(in_gap((width, height), values, (column, row), joined));
+            asked &= asked - 1;
         }
     }
+}
+
+/// Which values of a group are there.
+#[inline(always)]
+fn there<S: Simd, T: Value>(simd: S, values: &[T], first: usize, count: usize) -> Bits {
+    let values = &values[first..first + count];
+    if count == GROUP {
+        return T::there(simd, &values[..LANES]) | (T::there(simd, &values[LANES..]) << LANES);
+    }
+    let mut bits = 0;
+    for (offset, value) in values.iter().enumerate() {
+        bits |= Bits::from(value.is_there()) << offset;
+    }
+    bits
+}
+
+/// Which pixels of a group have a value of their row on either side, as near as a gap is wide.
+#[inline(always)]
+fn enclosed_in_row<T: Value>((first, count): (usize, usize), own: Bits, line: &[T]) -> Bits {
+    let beside = |column: usize| Bits::from(line.get(column).is_some_and(|value| value.is_there()));
+    // The first pixel of the group stands at this bit.
+    let mut all = own << GAP_PX;
+    for away in 1..=GAP_PX {
+        all |= beside(first.wrapping_sub(away)) << (GAP_PX - away);
+        all |= beside(first + count - 1 + away) << (GAP_PX + count - 1 + away);
+    }
+    let (mut left, mut right) = (0, 0);
+    for away in 1..=GAP_PX {
+        left |= all << away;
+        right |= all >> away;
+    }
+    (left & right) >> GAP_PX
 }
 
 #[inline(never)]
@@ -102,12 +151,21 @@ fn in_gap<T: Value>(
 pub(super) trait Value: Copy {
     /// Whether it is no NaN.
     fn is_there(self) -> bool;
+
+    /// Which of eight are no NaN.
+    fn there<S: Simd>(simd: S, values: &[Self]) -> Bits;
 }
 
 impl Value for f32 {
     #[inline(always)]
     fn is_there(self) -> bool {
         !self.is_nan()
+    }
+
+    #[inline(always)]
+    fn there<S: Simd>(simd: S, values: &[Self]) -> Bits {
+        let values = f32x8::from_slice(simd, values);
+        values.simd_eq(values).to_bitmask() as Bits
     }
 }
 
@@ -116,12 +174,19 @@ impl Value for f64 {
     fn is_there(self) -> bool {
         !self.is_nan()
     }
+
+    #[inline(always)]
+    fn there<S: Simd>(simd: S, values: &[Self]) -> Bits {
+        let values = f64x8::from_slice(simd, values);
+        values.simd_eq(values).to_bitmask() as Bits
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::math::random::Key;
+    use crate::math::simd::best_level;
 
     /// Whole groups are passed over by what they and their surroundings are: the same as pixel by pixel.
     #[test]
@@ -143,7 +208,15 @@ mod tests {
                     };
                     let mut line = vec![7; width];
                     for row in 0..height {
-                        mark_row((width, height), &values, row, &mut line, &joined);
+                        let level = best_level();
+                        vectorised!(level, |simd| mark_row(
+                            simd,
+                            (width, height),
+                            &values,
+                            row,
+                            &mut line,
+                            &joined
+                        ));
                         for (column, mark) in line.iter().enumerate() {
                             let in_gap = in_gap((width, height), &values, (column, row), &joined);
                             assert_eq!(

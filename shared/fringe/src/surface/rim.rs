@@ -31,7 +31,7 @@ pub(crate) fn mark_missing((width, values): (usize, &[f32]), max_step: f32, miss
     let level = best_level();
     let joined = |a: usize, b: usize, d: usize| (values[a] - values[b]).abs() <= max_step * d as f32;
     missing.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
-        vectorised!(level, mark_row((width, height), values, row, line, &joined));
+        vectorised!(level, |simd| mark_row(simd, (width, height), values, row, line, &joined));
         // What is missing and no gap.
         for (missing, value) in line.iter_mut().zip(&values[row * width..]) {
             *missing = u8::from(value.is_nan() && *missing == 0);
