@@ -6,7 +6,9 @@ use crate::lights::{Witness, cell, images, load, points};
 use crate::running::text;
 use crate::screen::{Display, pixels};
 use crate::support::fringecell_in;
-use devices::lightcrafter_emulator::{BoardFaults, Dlpc350, Dlpc900, Emulator, SharedEmulator};
+use devices::lightcrafter_emulator::{
+    BoardFaults, Dlpc350, Dlpc900, Emulator, SharedEmulator, picture_of_display,
+};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -130,7 +132,7 @@ fn a_board_behind_a_screen_gives_the_bytes_of_the_twin() {
     let cable = plugged.clone();
     let video = move || {
         let bgr = pixels(&client, size_px).filter(|_| cable.load(Ordering::Relaxed))?;
-        Some(bgr.chunks_exact(4).flat_map(|pixel| [pixel[2], pixel[1], pixel[0]]).collect())
+        Some(picture_of_display(&bgr))
     };
     let board = SharedEmulator::new(Emulator::new(Dlpc350::with_video(video), BoardFaults::default()));
     let mut witness = Witness::new(test, images(&load(&live)));

@@ -20,6 +20,17 @@ const SWAP: u32 = 1 << 18;
 /// The picture that stands at the video input, three bytes a pixel; none without a signal.
 type Video = Box<dyn Fn() -> Option<Vec<u8>> + Send>;
 
+/// The picture of a display at the video input, from the four bytes of its pixels (blue, green, red, none).
+///
+/// It is here because tests are compiled without optimisation: the board looks at its input whenever it is asked, and its driver waits meanwhile.
+pub fn picture_of_display(pixels: &[u8]) -> Vec<u8> {
+    let mut picture = Vec::with_capacity(pixels.len() / 4 * 3);
+    for pixel in pixels.chunks_exact(4) {
+        picture.extend_from_slice(&[pixel[2], pixel[1], pixel[0]]);
+    }
+    picture
+}
+
 /// The state of a board with images in flash and perhaps a cable at its video input.
 pub struct Dlpc350 {
     /// Images in flash, three bytes a pixel.

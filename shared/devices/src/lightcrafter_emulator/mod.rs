@@ -5,7 +5,7 @@ mod dlpc350;
 mod dlpc900;
 pub(crate) mod erle;
 
-pub use dlpc350::Dlpc350;
+pub use dlpc350::{Dlpc350, picture_of_display};
 pub use dlpc900::Dlpc900;
 
 use crate::background::Background;
