@@ -92,6 +92,9 @@ pub struct Residues {
     borders: Vec<(f64, f64)>,
     /// Half the least distance of two tuples, px of weighted distance.
     half_px: f64,
+    /// Least common multiple of the periods, and where the stretch of that length begins whose middle is the projector's, px.
+    repeats_px: f64,
+    begins_px: f64,
 }
 
 impl Residues {
@@ -119,6 +122,8 @@ impl Residues {
             candidates: Vec::new(),
             borders: Vec::new(),
             half_px: 0.0,
+            repeats_px: lcm_px,
+            begins_px: 0.5 * (f64::from(extent_px) - 1.0 - lcm_px),
         };
         let cells: usize = (1..out.periods_px.len()).map(|j| out.span(j)).product();
         let expected: f64 = out.periods_px.iter().map(|p| f64::from(extent_px) / p + 1.0).sum();
@@ -163,8 +168,8 @@ impl Residues {
         };
         let mut all: Vec<Tuple> = places.windows(2).map(tuple).collect();
         all.extend(places.iter().flat_map(|at| self.mixed(*at)));
-        // One tuple for each set of differences, the longest stretch. Where the periods repeat just at the end, the first half pixel has the
-        // differences of the last one.
+        // One tuple for each set of differences, the longest stretch: the periods may repeat just after the end, and the first half pixel then has the
+        // differences of the last stretch.
         all.sort_by(|a, b| b.length_px.total_cmp(&a.length_px));
         let mut kept: Vec<Tuple> = Vec::new();
         for tuple in all {
@@ -329,7 +334,8 @@ impl Residues {
                 best = (distance2, first + tuple.starts_px[0] + mean);
             }
         }
-        (best.1, best.0.sqrt() / self.half_px)
+        let multiples = ((best.1 - self.begins_px) / self.repeats_px).floor();
+        (best.1 - multiples * self.repeats_px, best.0.sqrt() / self.half_px)
     }
 
     /// Probability of a wrong tuple for a phase noise of the finest sine, the others having theirs by the number of steps: the mean over
