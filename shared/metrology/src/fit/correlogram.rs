@@ -1,9 +1,9 @@
 //! Pairs of cells of points by their distance.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{ArrayStorage, SMatrix, SVector, Vector3};
 
 use super::cells::Cubes;
-use super::correlation::Cell;
+use super::correlation::{Cell, MOST_ROWS};
 use fringe::math::statistics::median;
 
 /// Noise correlated over more than this part of the extent cannot be separated from form.
@@ -24,45 +24,84 @@ pub(super) struct Bin<const P: usize> {
     pub derivatives: SMatrix<f64, P, P>,
 }
 
+/// What the cells say that lie in one bin of another cell: sums of products with that cell are products with their sums.
+#[derive(Clone)]
+struct Beside<const P: usize> {
+    /// Σ n′ of points.
+    count: f64,
+    /// Σ S′ of each row.
+    residual: [f64; MOST_ROWS],
+    /// Σ S′ S′ᵀ of the rows: of the first, of both, of the second.
+    products: [f64; 3],
+    /// Σ J′ of each row.
+    derivatives: [SVector<f64, P>; MOST_ROWS],
+}
+
+impl<const P: usize> Beside<P> {
+    const NONE: Self = Self {
+        count: 0.0,
+        residual: [0.0; MOST_ROWS],
+        products: [0.0; 3],
+        derivatives: [SVector::<f64, P>::from_array_storage(ArrayStorage([[0.0; P]])); MOST_ROWS],
+    };
+
+    #[inline(always)]
+    fn add(&mut self, cell: &Cell<P>, rows: usize) {
+        self.count += cell.count;
+        for row in 0..rows {
+            self.residual[row] += cell.residual[row];
+            self.derivatives[row] += cell.derivatives[row];
+        }
+        let [first, second] = cell.residual;
+        self.products[0] += first * first;
+        if rows > 1 {
+            self.products[1] += first * second;
+            self.products[2] += second * second;
+        }
+    }
+}
+
 /// Pairs of cells by their distance, in bins as wide as neighbours are apart (median). Bins are summed as far out as they are
 /// asked for: pairs grow with the square of their distance, and noise seldom reaches over more than some cells.
 pub(super) struct Correlogram<'a, const P: usize> {
-    cells: &'a [Cell<P>],
-    /// Where they lie, in one piece: most pairs are only asked how far apart they are.
+    /// In the order of their places along the longest axis, and these places in one piece: most pairs are only asked how far
+    /// apart they are.
+    cells: Vec<&'a Cell<P>>,
     positions: Vec<Vector3<f64>>,
+    axis: usize,
     /// Residuals of a point: curves have two, surfaces one.
     rows: usize,
-    /// The lowest first coordinate of a cell and of those behind it, mm.
-    lowest_later: Vec<f64>,
     /// Width of a bin.
     pub width_mm: f64,
     /// Bins up to where noise can be told from form.
     most: usize,
     bins: Vec<Bin<P>>,
+    /// Scratch for the bins of one cell.
+    beside: Vec<Beside<P>>,
 }
 
 impl<'a, const P: usize> Correlogram<'a, P> {
     /// Of these cells; nothing is summed yet.
     pub fn new(cells: &'a [Cell<P>]) -> Self {
+        let extent = Cubes::new(&cells.iter().map(|c| c.position).collect::<Vec<_>>()).extent();
+        let axis = extent.imax();
+        let mut cells: Vec<&Cell<P>> = cells.iter().collect();
+        cells.sort_by(|a, b| a.position[axis].total_cmp(&b.position[axis]));
         let positions: Vec<Vector3<f64>> = cells.iter().map(|c| c.position).collect();
-        let reach_mm = REACH_SHARE * extent_mm(&positions);
+        let reach_mm = REACH_SHARE * extent[axis];
         // No more bins than cells: neighbours that coincide would need infinitely many.
-        let width_mm = spacing_mm(&positions).max(reach_mm / cells.len().max(1) as f64);
+        let width_mm = spacing_mm(&positions, axis).max(reach_mm / cells.len().max(1) as f64);
         let most = if width_mm > 0.0 { (reach_mm / width_mm) as usize + 1 } else { 0 };
         let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
-        // Cells come in the order of their first coordinate, but for the places within them.
-        let mut lowest_later: Vec<f64> = positions.iter().map(|p| p.x).collect();
-        for index in (1..lowest_later.len()).rev() {
-            lowest_later[index - 1] = lowest_later[index - 1].min(lowest_later[index]);
-        }
         Self {
             cells,
             positions,
+            axis,
             rows: 1 + usize::from(curves),
-            lowest_later,
             width_mm: width_mm.max(0.0),
             most,
             bins: Vec::with_capacity(most),
+            beside: Vec::new(),
         }
     }
 
@@ -76,57 +115,54 @@ impl<'a, const P: usize> Correlogram<'a, P> {
 
     /// Sums the pairs of the bins from those that are there up to a number of them.
     fn sum_up_to(&mut self, count: usize) {
-        let before = self.bins.len();
+        let Self { cells, positions, axis, rows, width_mm, bins, beside, .. } = self;
+        let (before, axis, rows) = (bins.len(), *axis, *rows);
         let empty = || Bin { product: 0.0, square: 0.0, pairs: 0.0, derivatives: SMatrix::zeros() };
-        self.bins.resize_with(count, empty);
+        bins.resize_with(count, empty);
+        let bins = &mut bins[before..];
         // A little farther, for rounding may put a pair at the border into the bin before it.
-        let far = (self.width_mm * count as f64).powi(2) * (1.0 + 1e-9);
-        for (index, first) in self.positions.iter().enumerate() {
-            let reached = self.lowest_later[index + 1..].partition_point(|x| {
-                let along = x - first.x;
-                along <= 0.0 || along * along < far
-            });
-            let later = index + 1..index + 1 + reached;
-            for (other, second) in later.clone().zip(&self.positions[later]) {
+        let far = (*width_mm * count as f64).powi(2) * (1.0 + 1e-9);
+        for (index, first) in positions.iter().enumerate() {
+            beside.clear();
+            beside.resize(bins.len(), Beside::NONE);
+            for (second, cell) in positions[index + 1..].iter().zip(&cells[index + 1..]) {
+                let along = second[axis] - first[axis];
+                if along * along >= far {
+                    break;
+                }
                 let square = (first - second).norm_squared();
-                if square >= far {
-                    continue;
+                if square < far
+                    && let Some(beside) =
+                        beside.get_mut(((square.sqrt() / *width_mm) as usize).wrapping_sub(before))
+                {
+                    beside.add(cell, rows);
                 }
-                let number = (square.sqrt() / self.width_mm) as usize;
-                if let Some(bin) = self.bins[before..].get_mut(number.wrapping_sub(before)) {
-                    add_pair(bin, &self.cells[index], &self.cells[other], self.rows);
-                }
+            }
+            for (bin, beside) in bins.iter_mut().zip(beside.iter()).filter(|(_, beside)| beside.count > 0.0) {
+                add_pairs(bin, cells[index], beside, rows);
             }
         }
     }
 }
 
-/// Adds a pair of cells to a bin.
-fn add_pair<const P: usize>(bin: &mut Bin<P>, first: &Cell<P>, second: &Cell<P>, rows: usize) {
-    let mut both = 0.0;
+/// Adds the pairs of a cell with those in one of its bins.
+fn add_pairs<const P: usize>(bin: &mut Bin<P>, cell: &Cell<P>, beside: &Beside<P>, rows: usize) {
     for row in 0..rows {
-        both += first.residual[row] * second.residual[row];
-        for column in 0..P {
-            let other = second.derivatives[row][column];
-            for line in 0..P {
-                bin.derivatives[(line, column)] += first.derivatives[row][line] * other;
-            }
-        }
+        bin.product += cell.residual[row] * beside.residual[row];
+        bin.derivatives += cell.derivatives[row] * beside.derivatives[row].transpose();
     }
-    bin.product += both;
-    bin.square += both * both;
-    bin.pairs += first.count * second.count;
+    let ([first, second], [of_first, of_both, of_second]) = (cell.residual, beside.products);
+    bin.square +=
+        (first * first * of_first + 2.0 * first * second * of_both + second * second * of_second).max(0.0);
+    bin.pairs += cell.count * beside.count;
 }
 
-/// Median distance of a position to its nearest neighbour, mm.
-fn spacing_mm(positions: &[Vector3<f64>]) -> f64 {
-    // Along the longest axis: what lies farther along it than the nearest so far lies farther.
-    let axis = (Cubes::new(positions).extent()).imax();
-    let mut sorted = positions.to_vec();
-    sorted.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+/// Median distance of a position to its nearest neighbour, mm; the positions are in the order of one of their coordinates.
+fn spacing_mm(sorted: &[Vector3<f64>], axis: usize) -> f64 {
     let nearest_of = |index: usize| {
         let here = &sorted[index];
         let mut nearest = f64::INFINITY;
+        // What lies farther along the axis than the nearest so far lies farther.
         let mut walk = |other: &Vector3<f64>| {
             let along = other[axis] - here[axis];
             if along * along >= nearest {
@@ -144,13 +180,6 @@ fn spacing_mm(positions: &[Vector3<f64>]) -> f64 {
         return 0.0;
     }
     median(&mut nearest).map_or(0.0, f64::sqrt)
-}
-
-/// Largest edge of the bounding box, mm.
-fn extent_mm(points: &[Vector3<f64>]) -> f64 {
-    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-    (high - low).max()
 }
 
 #[cfg(test)]
@@ -181,6 +210,43 @@ mod tests {
                 prop_assert_eq!((bin.pairs, bin.derivatives), (expected.pairs, expected.derivatives));
             }
             prop_assert!(one_by_one.bin(at_once.bins.len()).is_none());
+        }
+
+        #[test]
+        fn bins_hold_what_their_pairs_give_one_by_one(
+            places in proptest::collection::vec((0.0..40.0, 0.0..40.0, -0.9..0.9, -0.9..0.9, 1.0..9.0), 2..200),
+            curves: bool
+        ) {
+            let cells: Vec<Cell<2>> = places.iter().map(|(x, y, r, s, count)| {
+                let second = if curves { [*s, 1.0 + s * s] } else { [0.0; 2] };
+                Cell {
+                    position: Vector3::new(*y, *x, 0.0),
+                    count: *count,
+                    residual: [*r, second[0]],
+                    derivatives: [SVector::from([1.0 + r, *s]), SVector::from(second)],
+                    score: SVector::zeros(),
+                    information: SMatrix::zeros(),
+                }
+            }).collect();
+            let mut correlogram = Correlogram::new(&cells);
+            correlogram.sum_up_to(correlogram.most);
+            let mut expected: Vec<[f64; 4]> = vec![[0.0; 4]; correlogram.bins.len()];
+            for (first, second) in cells.iter().enumerate().flat_map(|(i, a)| cells[..i].iter().map(move |b| (a, b))) {
+                let number = (first.position - second.position).norm() / correlogram.width_mm;
+                let Some(sums) = expected.get_mut(number as usize) else { continue };
+                let both = first.residual[0] * second.residual[0] + first.residual[1] * second.residual[1];
+                let derivatives = [0, 1].map(|row| first.derivatives[row] * second.derivatives[row].transpose());
+                let trace = (derivatives[0] + derivatives[1]).trace();
+                for (sum, more) in sums.iter_mut().zip([both, both * both, first.count * second.count, trace]) {
+                    *sum += more;
+                }
+            }
+            for (bin, expected) in correlogram.bins.iter().zip(&expected) {
+                let found = [bin.product, bin.square, bin.pairs, bin.derivatives.trace()];
+                for (found, expected) in found.iter().zip(expected) {
+                    prop_assert!((found - expected).abs() < 1e-10 * (1.0 + bin.pairs), "{found} {expected}");
+                }
+            }
         }
     }
 }
