@@ -1,5 +1,6 @@
 //! Pairs of cells of points by their distance.
 
+use fearless_simd::{Level, dispatch};
 use nalgebra::{ArrayStorage, SMatrix, SVector, Vector3};
 
 use super::cells::Cubes;
@@ -64,10 +65,10 @@ impl<const P: usize> Beside<P> {
 /// Pairs of cells by their distance, in bins as wide as neighbours are apart (median). Bins are summed as far out as they are
 /// asked for: pairs grow with the square of their distance, and noise seldom reaches over more than some cells.
 pub(super) struct Correlogram<'a, const P: usize> {
-    /// In the order of their places along the longest axis, and these places in one piece: most pairs are only asked how far
-    /// apart they are.
+    /// In the order of their places along the longest axis, and each coordinate of these places in one piece: most pairs are only
+    /// asked how far apart they are.
     cells: Vec<&'a Cell<P>>,
-    positions: Vec<Vector3<f64>>,
+    places: [Vec<f64>; 3],
     axis: usize,
     /// Residuals of a point: curves have two, surfaces one.
     rows: usize,
@@ -76,8 +77,10 @@ pub(super) struct Correlogram<'a, const P: usize> {
     /// Bins up to where noise can be told from form.
     most: usize,
     bins: Vec<Bin<P>>,
-    /// Scratch for the bins of one cell.
+    /// Scratch: the bins of one cell, its squared distances from those behind it, and which of these are asked for.
     beside: Vec<Beside<P>>,
+    squares: Vec<f64>,
+    near: Vec<u32>,
 }
 
 impl<'a, const P: usize> Correlogram<'a, P> {
@@ -94,8 +97,10 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         let most = if width_mm > 0.0 { (reach_mm / width_mm) as usize + 1 } else { 0 };
         let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
         Self {
+            places: [0, 1, 2].map(|axis| positions.iter().map(|p| p[axis]).collect()),
+            squares: vec![0.0; cells.len()],
+            near: vec![0; cells.len()],
             cells,
-            positions,
             axis,
             rows: 1 + usize::from(curves),
             width_mm: width_mm.max(0.0),
@@ -115,33 +120,48 @@ impl<'a, const P: usize> Correlogram<'a, P> {
 
     /// Sums the pairs of the bins from those that are there up to a number of them.
     fn sum_up_to(&mut self, count: usize) {
-        let Self { cells, positions, axis, rows, width_mm, bins, beside, .. } = self;
-        let (before, axis, rows) = (bins.len(), *axis, *rows);
+        let Self { cells, places, axis, rows, width_mm, bins, beside, squares, near, .. } = self;
+        let before = bins.len();
         let empty = || Bin { product: 0.0, square: 0.0, pairs: 0.0, derivatives: SMatrix::zeros() };
         bins.resize_with(count, empty);
         let bins = &mut bins[before..];
-        // A little farther, for rounding may put a pair at the border into the bin before it.
+        // A little wider, for rounding may put a pair at a border into the bin before it, or behind it.
+        let nearest = (*width_mm * before as f64).powi(2) * (1.0 - 1e-9);
         let far = (*width_mm * count as f64).powi(2) * (1.0 + 1e-9);
-        for (index, first) in positions.iter().enumerate() {
+        let (level, axis) = (Level::new(), *axis);
+        for (index, cell) in cells.iter().enumerate() {
+            let [x, y, z] = places.each_ref().map(|places| &places[index + 1..]);
+            let here = places.each_ref().map(|places| places[index]);
+            let reached = [x, y, z][axis].partition_point(|along| (along - here[axis]).powi(2) < far);
+            let later = [x, y, z].map(|places| &places[..reached]);
+            dispatch!(level, _simd => squares_from(here, later, &mut squares[..reached]));
             beside.clear();
             beside.resize(bins.len(), Beside::NONE);
-            for (second, cell) in positions[index + 1..].iter().zip(&cells[index + 1..]) {
-                let along = second[axis] - first[axis];
-                if along * along >= far {
-                    break;
-                }
-                let square = (first - second).norm_squared();
-                if square < far
-                    && let Some(beside) =
-                        beside.get_mut(((square.sqrt() / *width_mm) as usize).wrapping_sub(before))
-                {
-                    beside.add(cell, rows);
+            // Which pair is near enough no processor foresees: all are written, and those that are not are written over.
+            let mut found = 0;
+            for (other, square) in squares[..reached].iter().enumerate() {
+                near[found] = other as u32;
+                found += usize::from(*square < far) & usize::from(*square >= nearest);
+            }
+            for other in near[..found].iter().map(|other| *other as usize) {
+                let number = (squares[other].sqrt() / *width_mm) as usize;
+                if let Some(beside) = beside.get_mut(number.wrapping_sub(before)) {
+                    beside.add(cells[index + 1 + other], *rows);
                 }
             }
             for (bin, beside) in bins.iter_mut().zip(beside.iter()).filter(|(_, beside)| beside.count > 0.0) {
-                add_pairs(bin, cells[index], beside, rows);
+                add_pairs(bin, cell, beside, *rows);
             }
         }
+    }
+}
+
+/// Squared distances of places from one, mm².
+#[inline(always)]
+fn squares_from(here: [f64; 3], [x, y, z]: [&[f64]; 3], squares: &mut [f64]) {
+    for (((x, y), z), square) in x.iter().zip(y).zip(z).zip(squares) {
+        let [x, y, z] = [x - here[0], y - here[1], z - here[2]];
+        *square = x * x + y * y + z * z;
     }
 }
 
