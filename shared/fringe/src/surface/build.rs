@@ -49,23 +49,37 @@ impl SurfaceBuilder {
             gaps: &self.keep,
         };
         let mut report = SurfaceReport::default();
-        let mut first = 0;
-        // Some parts at a time: their points are moved together as long as the cache holds them.
-        while first + 1 < self.point_parts.len() {
-            let some = |start: &usize| *start < self.point_parts[first] + POINTS_AT_ONCE;
-            let last = (first + 1).max(self.point_parts.partition_point(some).min(self.counts.len()));
-            let starts = &self.point_parts[first..=last];
-            let counts = &mut self.counts[first..last];
-            let begin = report.points as usize;
-            let written = &mut out[begin..begin + starts[last - first] - starts[0]];
-            for_parts(starts, written, counts, &|part, points, count| {
-                *count = PartCount::default();
-                let pixels = self.row_parts[first + part]..self.row_parts[first + part + 1];
-                vectorised!(self.level, selector.rows(pixels, pair, points, count));
-            });
-            note_causes(starts, counts, written, &mut self.causes);
-            close_gaps(starts, counts, written, &mut report);
-            first = last;
+        let (starts, causes) = (&self.point_parts, &mut self.causes);
+        let parts = self.counts.len();
+        let (mut before, mut first) = (0, 0);
+        // Some parts at a time: their points are moved together, as long as a cache holds them, while the next ones are written.
+        while before < parts {
+            let some = |start: &usize| *start < starts[first] + POINTS_AT_ONCE;
+            let last =
+                if first < parts { (first + 1).max(starts.partition_point(some).min(parts)) } else { parts };
+            let (written, points) = out.split_at_mut(starts[first]);
+            let (counted, counts) = self.counts.split_at_mut(first);
+            rayon::join(
+                || {
+                    let some = (&starts[before..=first], &counted[before..]);
+                    note_causes(some, &written[starts[before]..], causes);
+                    close_gaps(some, written, &mut report);
+                },
+                || {
+                    let points = &mut points[..starts[last] - starts[first]];
+                    for_parts(
+                        &starts[first..=last],
+                        points,
+                        &mut counts[..last - first],
+                        &|part, points, count| {
+                            *count = PartCount::default();
+                            let pixels = self.row_parts[first + part]..self.row_parts[first + part + 1];
+                            vectorised!(self.level, selector.rows(pixels, pair, points, count));
+                        },
+                    );
+                },
+            );
+            (before, first) = (first, last);
         }
         report
     }
@@ -89,7 +103,7 @@ impl SurfaceBuilder {
 }
 
 /// Keeps why pixels were dropped: they stand behind the points of each part.
-fn note_causes(starts: &[usize], counts: &[PartCount], written: &[Point], causes: &mut [Cause]) {
+fn note_causes((starts, counts): (&[usize], &[PartCount]), written: &[Point], causes: &mut [Cause]) {
     for (ends, count) in starts.windows(2).zip(counts) {
         let (start, end) = (ends[0] - starts[0], ends[1] - starts[0]);
         for dropped in &written[start + count.points as usize..end] {
@@ -99,15 +113,13 @@ fn note_causes(starts: &[usize], counts: &[PartCount], written: &[Point], causes
     }
 }
 
-/// Moves the points of parts together and adds up their counts.
-fn close_gaps(starts: &[usize], counts: &[PartCount], written: &mut [Point], report: &mut SurfaceReport) {
-    let mut end = 0;
+/// Moves the points of parts behind those of the parts before, and adds up their counts.
+fn close_gaps((starts, counts): (&[usize], &[PartCount]), written: &mut [Point], report: &mut SurfaceReport) {
     for (start, count) in starts.iter().zip(counts) {
-        let (start, points) = (start - starts[0], count.points as usize);
-        if start != end {
-            written.copy_within(start..start + points, end);
+        let (end, points) = (report.points as usize, count.points as usize);
+        if *start != end {
+            written.copy_within(*start..start + points, end);
         }
-        end += points;
         report.points += count.points;
         report.steep += count.steep;
         report.rims += count.rims;
