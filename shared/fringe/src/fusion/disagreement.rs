@@ -107,7 +107,8 @@ impl Comparison<'_> {
         let [of_own, of_other] = [own, other].map(|cells| cells.len().div_ceil(CELLS));
         parts.resize_with(parts.len().max(of_own + of_other), Vec::new);
         let parts = &mut parts[..of_own + of_other];
-        parts.par_iter_mut().enumerate().for_each(|(part, raised)| {
+        // Those of the first cloud take longer: none goes to a thread together with another.
+        parts.par_iter_mut().enumerate().with_max_len(1).for_each(|(part, raised)| {
             raised.clear();
             if part < of_own {
                 self.judge((own, part * CELLS), |cell| Some(self.compared[cell]), raised);

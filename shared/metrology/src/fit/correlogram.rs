@@ -2,6 +2,8 @@
 
 use fearless_simd::{Level, dispatch};
 use nalgebra::{ArrayStorage, SMatrix, SVector, Vector3};
+use rayon::prelude::*;
+use std::ops::Range;
 
 use super::cells::Cubes;
 use super::correlation::{Cell, MOST_ROWS};
@@ -10,10 +12,14 @@ use fringe::math::statistics::median;
 /// Noise correlated over more than this part of the extent cannot be separated from form.
 const REACH_SHARE: f64 = 1.0 / 3.0;
 
+/// Cells whose pairs one thread sums; fixed, so that no result depends on the number of threads.
+const CELLS_AT_ONCE: usize = 128;
+
 /// Bins that are summed at first.
 const FIRST_BINS: usize = 4;
 
 /// Pairs of cells of about one distance.
+#[derive(Clone)]
 pub(super) struct Bin<const P: usize> {
     /// Sum of products of scores, Σ S S′.
     pub product: f64,
@@ -23,6 +29,35 @@ pub(super) struct Bin<const P: usize> {
     pub pairs: f64,
     /// Sum of products of derivatives, Σ J J′ᵀ.
     pub derivatives: SMatrix<f64, P, P>,
+}
+
+impl<const P: usize> Bin<P> {
+    const EMPTY: Self = Self {
+        product: 0.0,
+        square: 0.0,
+        pairs: 0.0,
+        derivatives: SMatrix::from_array_storage(ArrayStorage([[0.0; P]; P])),
+    };
+
+    /// Adds the pairs of another bin of the same distance.
+    fn add(&mut self, other: &Self) {
+        self.product += other.product;
+        self.square += other.square;
+        self.pairs += other.pairs;
+        self.derivatives += other.derivatives;
+    }
+
+    /// Adds the pairs of a cell with those in one of its bins.
+    fn add_pairs(&mut self, cell: &Cell<P>, beside: &Beside<P>, rows: usize) {
+        for row in 0..rows {
+            self.product += cell.residual[row] * beside.residual[row];
+            self.derivatives += cell.derivatives[row] * beside.derivatives[row].transpose();
+        }
+        let ([first, second], [of_first, of_both, of_second]) = (cell.residual, beside.products);
+        let squares = first * first * of_first + 2.0 * first * second * of_both + second * second * of_second;
+        self.square += squares.max(0.0);
+        self.pairs += cell.count * beside.count;
+    }
 }
 
 /// What the cells say that lie in one bin of another cell: sums of products with that cell are products with their sums.
@@ -77,10 +112,6 @@ pub(super) struct Correlogram<'a, const P: usize> {
     /// Bins up to where noise can be told from form.
     most: usize,
     bins: Vec<Bin<P>>,
-    /// Scratch: the bins of one cell, its squared distances from those behind it, and which of these are asked for.
-    beside: Vec<Beside<P>>,
-    squares: Vec<f64>,
-    near: Vec<u32>,
 }
 
 impl<'a, const P: usize> Correlogram<'a, P> {
@@ -98,15 +129,12 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
         Self {
             places: [0, 1, 2].map(|axis| positions.iter().map(|p| p[axis]).collect()),
-            squares: vec![0.0; cells.len()],
-            near: vec![0; cells.len()],
             cells,
             axis,
             rows: 1 + usize::from(curves),
             width_mm: width_mm.max(0.0),
             most,
             bins: Vec::with_capacity(most),
-            beside: Vec::new(),
         }
     }
 
@@ -120,39 +148,52 @@ impl<'a, const P: usize> Correlogram<'a, P> {
 
     /// Sums the pairs of the bins from those that are there up to a number of them.
     fn sum_up_to(&mut self, count: usize) {
-        let Self { cells, places, axis, rows, width_mm, bins, beside, squares, near, .. } = self;
-        let before = bins.len();
-        let empty = || Bin { product: 0.0, square: 0.0, pairs: 0.0, derivatives: SMatrix::zeros() };
-        bins.resize_with(count, empty);
-        let bins = &mut bins[before..];
+        let before = self.bins.len();
+        let starts: Vec<usize> = (0..self.cells.len()).step_by(CELLS_AT_ONCE).collect();
+        let parts: Vec<Vec<Bin<P>>> =
+            starts.into_par_iter().map(|start| self.pairs_of(start, before..count)).collect();
+        self.bins.resize(count, Bin::EMPTY);
+        for part in parts {
+            self.bins[before..].iter_mut().zip(&part).for_each(|(bin, more)| bin.add(more));
+        }
+    }
+
+    /// Sums the pairs of some cells with those behind each, in some bins.
+    fn pairs_of(&self, start: usize, numbers: Range<usize>) -> Vec<Bin<P>> {
+        let Self { cells, places, axis, rows, width_mm, .. } = self;
+        let cells = &cells[start..];
+        let [xs, ys, zs] = places.each_ref().map(|places| &places[start..]);
+        let mut bins = vec![Bin::EMPTY; numbers.len()];
+        let mut all_beside = vec![Beside::NONE; numbers.len()];
+        let (mut squares, mut near) = (vec![0.0; cells.len()], vec![0_u32; cells.len()]);
         // A little wider, for rounding may put a pair at a border into the bin before it, or behind it.
-        let nearest = (*width_mm * before as f64).powi(2) * (1.0 - 1e-9);
-        let far = (*width_mm * count as f64).powi(2) * (1.0 + 1e-9);
-        let (level, axis) = (Level::new(), *axis);
-        for (index, cell) in cells.iter().enumerate() {
-            let [x, y, z] = places.each_ref().map(|places| &places[index + 1..]);
-            let here = places.each_ref().map(|places| places[index]);
-            let reached = [x, y, z][axis].partition_point(|along| (along - here[axis]).powi(2) < far);
-            let later = [x, y, z].map(|places| &places[..reached]);
-            dispatch!(level, _simd => squares_from(here, later, &mut squares[..reached]));
-            beside.clear();
-            beside.resize(bins.len(), Beside::NONE);
+        let nearest = (width_mm * numbers.start as f64).powi(2) * (1.0 - 1e-9);
+        let far = (width_mm * numbers.end as f64).powi(2) * (1.0 + 1e-9);
+        let level = Level::new();
+        for (index, cell) in cells.iter().take(CELLS_AT_ONCE).enumerate() {
+            let here = [xs[index], ys[index], zs[index]];
+            let behind = [xs, ys, zs].map(|places| &places[index + 1..]);
+            let reached = behind[*axis].partition_point(|along| (along - here[*axis]).powi(2) < far);
+            let behind = behind.map(|places| &places[..reached]);
+            dispatch!(level, _simd => squares_from(here, behind, &mut squares[..reached]));
             // Which pair is near enough no processor foresees: all are written, and those that are not are written over.
             let mut found = 0;
             for (other, square) in squares[..reached].iter().enumerate() {
                 near[found] = other as u32;
                 found += usize::from(*square < far) & usize::from(*square >= nearest);
             }
+            all_beside.fill(Beside::NONE);
             for other in near[..found].iter().map(|other| *other as usize) {
-                let number = (squares[other].sqrt() / *width_mm) as usize;
-                if let Some(beside) = beside.get_mut(number.wrapping_sub(before)) {
+                let number = (squares[other].sqrt() / width_mm) as usize;
+                if let Some(beside) = all_beside.get_mut(number.wrapping_sub(numbers.start)) {
                     beside.add(cells[index + 1 + other], *rows);
                 }
             }
-            for (bin, beside) in bins.iter_mut().zip(beside.iter()).filter(|(_, beside)| beside.count > 0.0) {
-                add_pairs(bin, cell, beside, *rows);
+            for (bin, beside) in bins.iter_mut().zip(&all_beside).filter(|(_, beside)| beside.count > 0.0) {
+                bin.add_pairs(cell, beside, *rows);
             }
         }
+        bins
     }
 }
 
@@ -163,18 +204,6 @@ fn squares_from(here: [f64; 3], [x, y, z]: [&[f64]; 3], squares: &mut [f64]) {
         let [x, y, z] = [x - here[0], y - here[1], z - here[2]];
         *square = x * x + y * y + z * z;
     }
-}
-
-/// Adds the pairs of a cell with those in one of its bins.
-fn add_pairs<const P: usize>(bin: &mut Bin<P>, cell: &Cell<P>, beside: &Beside<P>, rows: usize) {
-    for row in 0..rows {
-        bin.product += cell.residual[row] * beside.residual[row];
-        bin.derivatives += cell.derivatives[row] * beside.derivatives[row].transpose();
-    }
-    let ([first, second], [of_first, of_both, of_second]) = (cell.residual, beside.products);
-    bin.square +=
-        (first * first * of_first + 2.0 * first * second * of_both + second * second * of_second).max(0.0);
-    bin.pairs += cell.count * beside.count;
 }
 
 /// Median distance of a position to its nearest neighbour, mm; the positions are in the order of one of their coordinates.
