@@ -4,7 +4,7 @@ use crate::surface::{Cause, SurfaceReport};
 use serde::Serialize;
 
 /// Rectified rows per part of parallel work; fixed, so that no result depends on the number of threads.
-pub(super) const PART_ROWS: usize = 16;
+pub(super) const PART_ROWS: usize = 8;
 
 /// What became of the left pixels. All numbers count pixels; beside `outside` they add up to `valid`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]

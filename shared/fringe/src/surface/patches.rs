@@ -7,7 +7,7 @@ use super::joints::{ABOVE, BEFORE, THERE};
 use std::ops::Range;
 
 /// Pixels that are walked over at once.
-const STRIDE: usize = 8;
+pub(super) const STRIDE: usize = 8;
 
 /// A number that no stretch has.
 const NONE: usize = usize::MAX;
@@ -126,7 +126,7 @@ impl Patches {
 
 /// The marks of eight pixels, if there are so many.
 #[inline(always)]
-fn eight(marks: &[u8], x: usize) -> Option<u64> {
+pub(super) fn eight(marks: &[u8], x: usize) -> Option<u64> {
     let marks = marks.get(x..x + STRIDE)?;
     let mut bytes = [0; STRIDE];
     bytes.copy_from_slice(marks);
@@ -134,7 +134,7 @@ fn eight(marks: &[u8], x: usize) -> Option<u64> {
 }
 
 /// A mark on each of eight pixels.
-const fn repeated(mark: u8) -> u64 {
+pub(super) const fn repeated(mark: u8) -> u64 {
     u64::from_le_bytes([mark; STRIDE])
 }
 

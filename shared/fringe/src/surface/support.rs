@@ -4,6 +4,7 @@ use super::buffers::{PartCount, SurfaceBuilder};
 use super::cause::Cause;
 use super::joints::{ABOVE, ALONE, BEFORE, Joints};
 use super::normals::Link;
+use super::patches::{STRIDE, eight, repeated};
 use super::raster::Raster;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
@@ -21,7 +22,12 @@ impl SurfaceBuilder {
             *count = PartCount { spikes, ..PartCount::default() };
         });
         for (part, _) in counts.iter().enumerate().filter(|(_, count)| count.spikes > 0) {
-            for pixel in row_parts[part]..row_parts[part + 1] {
+            let mut pixel = row_parts[part];
+            while pixel < row_parts[part + 1] {
+                if eight(keep, pixel).is_some_and(|marks| marks & repeated(ALONE) == 0) {
+                    pixel += STRIDE;
+                    continue;
+                }
                 if keep[pixel] & ALONE != 0 {
                     (raster.depths[pixel], causes[pixel], keep[pixel]) = (f64::NAN, Cause::Spike, 0);
                     // Nothing is joined with it any more.
@@ -31,6 +37,7 @@ impl SurfaceBuilder {
                         }
                     }
                 }
+                pixel += 1;
             }
         }
         self.counts.iter().map(|c| c.spikes).sum()
