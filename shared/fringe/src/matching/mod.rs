@@ -83,7 +83,7 @@ use subpixel::{RightPhase, SETTLED_PX};
 use task::{Hit, Task};
 
 /// Parts of the rows that are matched before what they found is put in the order of the pixels, which one thread does while others match the next ones.
-const PARTS_AT_ONCE: usize = 12;
+const PARTS_AT_ONCE: usize = 8;
 
 /// Relative difference of two periods that are the same: they come from the same sequence.
 const SAME_PERIOD: f64 = 1e-9;

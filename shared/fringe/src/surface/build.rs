@@ -55,29 +55,26 @@ impl SurfaceBuilder {
         // Some parts at a time: their points are moved together, as long as a cache holds them, while the next ones are written.
         while before < parts {
             let some = |start: &usize| *start < starts[first] + POINTS_AT_ONCE;
-            let last =
-                if first < parts { (first + 1).max(starts.partition_point(some).min(parts)) } else { parts };
+            let last = starts.partition_point(some).max(first + 1).min(parts);
             let (written, points) = out.split_at_mut(starts[first]);
             let (counted, counts) = self.counts.split_at_mut(first);
+            let done = (&starts[before..=first], &counted[before..]);
+            let next = (
+                &starts[first..=last],
+                &mut points[..starts[last] - starts[first]],
+                &mut counts[..last - first],
+            );
+            let write = |part: usize, points: &mut [Point], count: &mut PartCount| {
+                *count = PartCount::default();
+                let pixels = self.row_parts[first + part]..self.row_parts[first + part + 1];
+                vectorised!(self.level, selector.rows(pixels, pair, points, count));
+            };
             rayon::join(
                 || {
-                    let some = (&starts[before..=first], &counted[before..]);
-                    note_causes(some, &written[starts[before]..], causes);
-                    close_gaps(some, written, &mut report);
+                    note_causes(done, written, causes);
+                    close_gaps(done, written, &mut report);
                 },
-                || {
-                    let points = &mut points[..starts[last] - starts[first]];
-                    for_parts(
-                        &starts[first..=last],
-                        points,
-                        &mut counts[..last - first],
-                        &|part, points, count| {
-                            *count = PartCount::default();
-                            let pixels = self.row_parts[first + part]..self.row_parts[first + part + 1];
-                            vectorised!(self.level, selector.rows(pixels, pair, points, count));
-                        },
-                    );
-                },
+                || for_parts(next.0, next.1, next.2, &write),
             );
             (before, first) = (first, last);
         }
@@ -105,8 +102,7 @@ impl SurfaceBuilder {
 /// Keeps why pixels were dropped: they stand behind the points of each part.
 fn note_causes((starts, counts): (&[usize], &[PartCount]), written: &[Point], causes: &mut [Cause]) {
     for (ends, count) in starts.windows(2).zip(counts) {
-        let (start, end) = (ends[0] - starts[0], ends[1] - starts[0]);
-        for dropped in &written[start + count.points as usize..end] {
+        for dropped in &written[ends[0] + count.points as usize..ends[1]] {
             let cause = Cause::ALL.get(dropped.pair as usize).copied().unwrap_or_default();
             causes[dropped.pixel as usize] = cause;
         }
