@@ -7,7 +7,7 @@ use crate::step_file;
 use std::path::{Path, PathBuf};
 use twin::Scene;
 use twin::scene_file::{FORMAT, GeometryFile, SceneFile};
-use xxhash_rust::xxh3::xxh3_128;
+use twox_hash::XxHash3_128;
 
 /// A mesh beyond this has some twenty million triangles: more than the twin can trace in sensible time.
 const MESH_LIMIT_BYTES: u64 = 1 << 30;
@@ -38,7 +38,7 @@ pub fn parse_unchanged_scene(document: &Document, known: &[MeshFile]) -> Result<
         let path = mesh_path(document, name);
         let bytes = read_bytes(&path, MESH_LIMIT_BYTES).map_err(|e| chain(&e))?;
         match known.iter().find(|mesh| mesh.path == path) {
-            Some(mesh) if mesh.hash != xxh3_128(&bytes) => {
+            Some(mesh) if mesh.hash != XxHash3_128::oneshot(&bytes) => {
                 Err(format!("{}: was changed while it was read; start again", path.display()))
             }
             _ if step_file::begins_as_step(&bytes) => {
@@ -64,7 +64,7 @@ pub fn mesh_files(document: &Document) -> Vec<MeshFile> {
     });
     let mesh = |name: String| {
         let path = mesh_path(document, &name);
-        let hash = read_bytes(&path, MESH_LIMIT_BYTES).map_or(0, |bytes| xxh3_128(&bytes));
+        let hash = read_bytes(&path, MESH_LIMIT_BYTES).map_or(0, |bytes| XxHash3_128::oneshot(&bytes));
         MeshFile { path, hash }
     };
     names.map(mesh).collect()

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Read;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
-use xxhash_rust::xxh3::xxh3_64;
+use twox_hash::XxHash3_64;
 
 /// Longer than any frame takes; then the sender is gone.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -96,7 +96,10 @@ fn memory(name: &CellName, plan: Plan) -> Result<ReceivedFrames> {
         };
         seen.arrived(number, now_ns());
         ensure!(message.header().frame == number, "frame {} came for {number}", message.header().frame);
-        ensure!(message.header().cycle == xxh3_64(message.payload()), "frame {number} was damaged");
+        ensure!(
+            message.header().cycle == XxHash3_64::oneshot(message.payload()),
+            "frame {number} was damaged"
+        );
     }
     seen.read_ns = now_ns();
     Ok(seen)
@@ -119,7 +122,7 @@ fn stream_of(stream: &mut dyn Read, plan: Plan) -> Result<ReceivedFrames> {
             u64::from_le_bytes([a, b, c, d, e, f, g, h]) == u64::from(number),
             "frames came out of order"
         );
-        ensure!(u64::from_le_bytes(hash) == xxh3_64(&frame), "frame {number} was damaged");
+        ensure!(u64::from_le_bytes(hash) == XxHash3_64::oneshot(&frame), "frame {number} was damaged");
     }
     seen.read_ns = now_ns();
     Ok(seen)

@@ -11,7 +11,7 @@ use std::io::{Read, Write};
 use std::os::unix::net::UnixListener;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use xxhash_rust::xxh3::xxh3_64;
+use twox_hash::XxHash3_64;
 
 /// How long the receiver may take to connect, and to free a buffer.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -121,7 +121,7 @@ fn memory(plan: Plan, clock: &mut Clock) -> Result<ReceivedFrames> {
         let header = Frame { frame: number, width_px: plan.width_px, height_px: plan.height_px, ..tiny() };
         let mut loan = frames.loan(header)?;
         fill(loan.payload_mut(), number);
-        loan.header_mut().cycle = xxh3_64(loan.payload());
+        loan.header_mut().cycle = XxHash3_64::oneshot(loan.payload());
         clock.complete(number);
         loan.send()?;
     }
@@ -146,7 +146,7 @@ fn stream(stream: &mut dyn Write, plan: Plan, clock: &mut Clock) -> Result<()> {
         fill(&mut frame, number);
         let mut header = [0; STREAM_HEADER];
         header[..8].copy_from_slice(&u64::from(number).to_le_bytes());
-        header[8..].copy_from_slice(&xxh3_64(&frame).to_le_bytes());
+        header[8..].copy_from_slice(&XxHash3_64::oneshot(&frame).to_le_bytes());
         clock.complete(number);
         stream.write_all(&header)?;
         stream.write_all(&frame)?;

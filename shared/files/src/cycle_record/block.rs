@@ -1,7 +1,7 @@
 //! The blocks of the file: each head vouches for itself, for its contents and for all heads before it.
 
 use super::ValueKey;
-use xxhash_rust::xxh3::{Xxh3, xxh3_64_with_seed};
+use twox_hash::XxHash3_64;
 
 /// Bytes of a head.
 pub(super) const HEAD_BYTES: usize = 40;
@@ -33,9 +33,7 @@ pub(super) struct Head {
 impl Head {
     /// The head of a block with these contents.
     pub fn of(kind: Kind, key: ValueKey, contents: &[u8]) -> Self {
-        let mut sum = Xxh3::new();
-        sum.update(contents);
-        Self { kind, key, length: contents.len() as u64, checksum: sum.digest() }
+        Self { kind, key, length: contents.len() as u64, checksum: XxHash3_64::oneshot(contents) }
     }
 
     /// The bytes of the head, and the chain sum after it. `chain` is the sum after the head before it.
@@ -52,14 +50,14 @@ impl Head {
         bytes[8..16].copy_from_slice(&self.key.cycle.to_le_bytes());
         bytes[16..24].copy_from_slice(&self.length.to_le_bytes());
         bytes[24..32].copy_from_slice(&self.checksum.to_le_bytes());
-        let chain = xxh3_64_with_seed(&bytes[..SUMMED_BYTES], chain);
+        let chain = XxHash3_64::oneshot_with_seed(chain, &bytes[..SUMMED_BYTES]);
         bytes[SUMMED_BYTES..].copy_from_slice(&chain.to_le_bytes());
         (bytes, chain)
     }
 
     /// The head and the chain sum after it. `None`: this is no head, or not the one that followed the sum `chain`.
     pub fn from_bytes(bytes: &[u8; HEAD_BYTES], chain: u64) -> Option<(Self, u64)> {
-        let chain = xxh3_64_with_seed(&bytes[..SUMMED_BYTES], chain);
+        let chain = XxHash3_64::oneshot_with_seed(chain, &bytes[..SUMMED_BYTES]);
         if u64::from_le_bytes(part(bytes, SUMMED_BYTES)) != chain {
             return None;
         }

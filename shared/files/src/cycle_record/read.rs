@@ -7,9 +7,10 @@ use crate::error::{FileError, Problem};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::hash::Hasher;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+use twox_hash::XxHash3_64;
 
 /// A record that is being read.
 #[derive(Debug)]
@@ -143,7 +144,7 @@ impl RecordReader {
         let back = self.blocks.at;
         self.blocks.seek(value.offset)?;
         let bytes = self.blocks.take(value.length)?;
-        if xxh3_64(&bytes) != value.checksum {
+        if XxHash3_64::oneshot(&bytes) != value.checksum {
             return Err(self.blocks.damaged("a kept frame or output has a wrong checksum"));
         }
         self.blocks.seek(back)?;
@@ -196,7 +197,7 @@ impl Blocks {
         let size = metadata.len();
         let mut blocks = Self { path: path.to_owned(), file: BufReader::new(file), size, at: 0, chain: 0 };
         let start = blocks.take(blocks.size.min(16))?;
-        blocks.chain = xxh3_64(&start);
+        blocks.chain = XxHash3_64::oneshot(&start);
         let version = start.strip_prefix(&MAGIC).and_then(|v| v.try_into().ok()).map(u32::from_le_bytes);
         match version {
             Some(RECORD_VERSION) => Ok(blocks),
@@ -242,18 +243,18 @@ impl Blocks {
     /// The contents of a block; `None` if they are not those that were written.
     fn contents(&mut self, head: Head) -> Result<Option<Vec<u8>>, FileError> {
         let bytes = self.take(head.length)?;
-        Ok((xxh3_64(&bytes) == head.checksum).then_some(bytes))
+        Ok((XxHash3_64::oneshot(&bytes) == head.checksum).then_some(bytes))
     }
 
     /// Reads over the contents of a block; whether they are those that were written.
     fn intact(&mut self, head: Head) -> Result<bool, FileError> {
-        let (mut sum, mut left) = (Xxh3::new(), head.length);
+        let (mut sum, mut left) = (XxHash3_64::new(), head.length);
         while left > 0 {
             let bytes = self.take(left.min(1 << 20))?;
-            sum.update(&bytes);
+            sum.write(&bytes);
             left -= bytes.len() as u64;
         }
-        Ok(sum.digest() == head.checksum)
+        Ok(sum.finish() == head.checksum)
     }
 
     fn typed<T: DeserializeOwned>(&self, bytes: &[u8]) -> Result<T, FileError> {

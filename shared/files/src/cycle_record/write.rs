@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::xxh3_64;
+use twox_hash::XxHash3_64;
 
 /// A record that is being written.
 #[derive(Debug)]
@@ -41,7 +41,7 @@ impl RecordWriter {
         let file = File::options().write(true).create_new(new).open(path).map_err(problem)?;
         let mut start = MAGIC.to_vec();
         start.extend(RECORD_VERSION.to_le_bytes());
-        let chain = xxh3_64(&start);
+        let chain = XxHash3_64::oneshot(&start);
         let seal = Seal { cycles: 0, lost: 0 };
         let mut writer =
             Self { path: path.to_owned(), file, chain, complete: (0, chain), broken: None, seal };

@@ -8,7 +8,7 @@ use fringe::frame::Frame;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::PatternSet;
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::xxh3_128;
+use twox_hash::XxHash3_128;
 
 /// Longest file of a frame: all pixels that a frame may have, uncompressed.
 const FRAME_LIMIT_BYTES: u64 = 1 << 32;
@@ -105,7 +105,7 @@ impl Recording {
     /// As [`Self::load`].
     pub fn file_hash(&self, projector: &str, camera: &str, frame: usize) -> Result<u128, FileError> {
         let (_, path) = self.place(projector, camera, frame)?;
-        Ok(xxh3_128(&read_bytes(path, FRAME_LIMIT_BYTES)?))
+        Ok(XxHash3_128::oneshot(&read_bytes(path, FRAME_LIMIT_BYTES)?))
     }
 
     /// Decodes one frame whose file still is what it was when [`Self::file_hash`] was taken.
@@ -121,7 +121,7 @@ impl Recording {
     ) -> Result<Frame, FileError> {
         let (of, path) = self.place(projector, camera, frame)?;
         let bytes = read_bytes(path, FRAME_LIMIT_BYTES)?;
-        if xxh3_128(&bytes) != hash {
+        if XxHash3_128::oneshot(&bytes) != hash {
             let problem = Problem::Unsupported(format!(
                 "frame {frame:03} of camera \"{camera}\" under projector \"{projector}\" was changed while the recording \
                  is played"

@@ -7,7 +7,7 @@ use super::quick::{Shared, group};
 use super::raster::Raster;
 use super::rim::at_rim;
 use super::smooth::{smoothed, smoothed_partly};
-use super::windows::{Block, HALF, LANES};
+use super::windows::{Block, Broken, HALF, LANES};
 use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
@@ -162,7 +162,7 @@ impl Selector<'_> {
                 row >= HALF && row + HALF < height && column >= HALF && column + LANES + HALF <= width;
             if !(whole && inner) {
                 if self.samples.depths[at].is_finite() {
-                    self.place(at, pair, &mut slots, count);
+                    self.place((at, Broken::UNKNOWN), pair, &mut slots, count);
                 }
                 at += 1;
                 continue;
@@ -174,7 +174,7 @@ impl Selector<'_> {
                 for l in 0..LANES {
                     if !found.settled[l] {
                         if self.samples.depths[at + l].is_finite() {
-                            self.place(at + l, pair, &mut slots, count);
+                            self.place((at + l, found.broken(l)), pair, &mut slots, count);
                         }
                         continue;
                     }
@@ -204,8 +204,14 @@ impl Selector<'_> {
 
     /// The point of one pixel, or its cause.
     #[inline(never)]
-    fn place(&self, pixel: usize, pair: u32, slots: &mut IterMut<Point>, count: &mut PartCount) {
-        let (sample, normal, cause) = self.pixel(pixel);
+    fn place(
+        &self,
+        (pixel, broken): (usize, Broken),
+        pair: u32,
+        slots: &mut IterMut<Point>,
+        count: &mut PartCount,
+    ) {
+        let (sample, normal, cause) = self.pixel(pixel, broken);
         if cause != Cause::Point {
             return drop_pixel(pixel, cause, slots, count);
         }
@@ -215,17 +221,20 @@ impl Selector<'_> {
         count.without_normal += u32::from(normal.is_none());
     }
 
-    /// The smoothed sample, its normal, and whether it is a point.
+    /// The smoothed sample, its normal, and whether it is a point. What lies at a rim is dropped before anything else is asked.
     #[inline]
-    pub(super) fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {
+    pub(super) fn pixel(&self, pixel: usize, broken: Broken) -> (Sample, Option<Vector3<f64>>, Cause) {
         let Self { view, samples, link, gaps, settings, .. } = *self;
         let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
         let size = (view.width, view.height);
-        let normal = normal(view, samples, pixel, link, half);
-        let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, smoothing);
+        let largest = if broken.quadratic { HALF - 1 } else { smoothing };
+        let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, largest);
         let edge = view.rim_px(&samples.at(pixel), settings.edge_px as usize);
-        let rim = window < edge && at_rim(size, samples, gaps, pixel, link, edge);
-        if window < smoothing && !rim {
+        if window < edge && at_rim(size, samples, gaps, pixel, link, edge) {
+            return (sample, None, Cause::Rim);
+        }
+        let normal = normal(view, samples, pixel, link, (half, broken.plane));
+        if window < smoothing {
             sample = smoothed_partly(view, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);
         }
         // Noise of the pixel alone hides what reaches over many.
@@ -245,8 +254,6 @@ impl Selector<'_> {
         let limb = || normal.is_some_and(|normal| self.at_limb(pixel, &sample, &normal));
         let cause = if steep || limb() {
             Cause::Steep
-        } else if rim {
-            Cause::Rim
         } else if f64::from(sample.sigma) > view.max_sigma {
             Cause::Uncertain
         } else {

@@ -213,8 +213,8 @@ impl Selector<'_> {
         if !self.link.joins(&self.samples.at(pixel), &other, INWARDS_PX as usize) {
             return None;
         }
-        let turned =
-            normal(view, self.samples, inner, self.link, self.settings.normal_window_px as usize / 2)?;
+        let half = self.settings.normal_window_px as usize / 2;
+        let turned = normal(view, self.samples, inner, self.link, (half, false))?;
         let far = to_eye(inner, other.inverse_depth);
         let sine = |normal: &Vector3<f64>, to: &Vector3<f64>| {
             let cosine = normal.dot(to) / to.norm();

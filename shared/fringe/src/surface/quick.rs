@@ -9,7 +9,7 @@ use super::normals::MAX_SLOPE_NOISE;
 use super::point::{STEEP_ERROR, STEEP_SHARE, Sample, View};
 use super::raster::Raster;
 use super::shares::{share_left, shared};
-use super::windows::{Block, Columns, HALF, LANES, Lanes, fits, taken};
+use super::windows::{Block, Broken, Columns, HALF, LANES, Lanes, fits, taken};
 use nalgebra::Vector3;
 
 /// Keeps rounding out of a comparison.
@@ -51,6 +51,12 @@ impl Group {
     pub fn smoothed(&self, sample: Sample, l: usize) -> (Sample, Vector3<f64>) {
         let normal = Vector3::from(self.own_normal.map(|part| part[l]));
         (Sample { inverse_depth: self.inverse_depth[l], sigma: self.sigma[l], ..sample }, normal)
+    }
+
+    /// What the general way need not try again for one of the pixels.
+    #[inline(always)]
+    pub fn broken(&self, l: usize) -> Broken {
+        Broken { plane: self.own_normal[2][l].is_nan(), quadratic: self.inverse_depth[l].is_nan() }
     }
 }
 
@@ -282,7 +288,7 @@ mod tests {
                 let found = group(&view, &raster, first, common, &mut block);
                 for l in (0..LANES).filter(|l| found.settled[*l]) {
                     settled += 1;
-                    let (sample, normal, cause) = selector.pixel(first + l);
+                    let (sample, normal, cause) = selector.pixel(first + l, Broken::UNKNOWN);
                     assert_eq!(cause, Cause::Point);
                     same_but_for_rounding(&found.smoothed(samples[first + l], l), &(sample, normal.unwrap()));
                     let point = view.point(&sample, first + l, 0, normal);

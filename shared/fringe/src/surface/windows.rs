@@ -33,6 +33,18 @@ fn viewed<T, const N: usize>(values: &[T], start: usize) -> &[T; N] {
     viewed
 }
 
+/// Whether the 5 × 5 window of a pixel is known to show no plane, and no quadratic, of all its samples.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Broken {
+    pub plane: bool,
+    pub quadratic: bool,
+}
+
+impl Broken {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { plane: false, quadratic: false };
+}
+
 /// The least-squares fits over the windows of neighbouring pixels.
 pub(super) struct Fits {
     /// The quadratic at the middle; NaN where the window is not one smooth surface.

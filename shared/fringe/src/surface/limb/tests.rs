@@ -141,7 +141,12 @@ fn the_limb_is_where_the_turn_of_the_normal_leads() {
         };
         let pixels = (0..SIDE * SIDE).filter(|i| samples[*i].inverse_depth.is_finite());
         pixels
-            .map(|i| Some((i, selector.limb_px(i, &samples[i], &normal(&view, &raster, i, link, 2)?, eye))))
+            .map(|i| {
+                Some((
+                    i,
+                    selector.limb_px(i, &samples[i], &normal(&view, &raster, i, link, (2, false))?, eye),
+                ))
+            })
             .collect()
     };
     let seen = samples(&directions, ball, 5.0);
