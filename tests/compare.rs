@@ -113,6 +113,28 @@ fn a_cloud_is_compared_with_a_cloud_and_a_plate() {
     }
 }
 
+/// Distances from the nearest point have no sign, and no tolerance band.
+#[test]
+fn distances_from_the_nearest_point_have_no_sign() {
+    let folder = Folder::new();
+    let flat = |z: f64| ply(&face(0.25, move |[x, y, _]| [x, y, z]));
+    let (cloud, reference) =
+        (folder.write("cloud.ply", flat(-0.05)), folder.write("reference.ply", flat(0.0)));
+    let (json, report, plate) =
+        (folder.path("a.json"), folder.path("a.html"), folder.write("plate.stl", stl()));
+    for reference in [&reference, &plate] {
+        let nearest = ["compare", &cloud, reference, "--method", "nearest", "--json", &json];
+        fringetool(&[&nearest[..], &["--report", &report]].concat()).expect_success();
+        let result = folder.json("a.json");
+        assert_eq!((result["method"].as_str(), result["count"].as_u64()), (Some("nearest"), Some(64 * 80)));
+        for key in ["min_mm", "mean_mm", "max_mm"] {
+            assert!((result[key].as_f64().unwrap() - 0.05).abs() < 1e-9, "{key}: {}", result[key]);
+        }
+        assert!(std::fs::read_to_string(&report).unwrap().contains("without a sign"));
+        assert_eq!(fringetool(&[&nearest[..], &["--tolerance", "0.1"]].concat()).code, Some(2));
+    }
+}
+
 #[test]
 fn what_is_too_far_is_counted() {
     let folder = Folder::new();

@@ -10,7 +10,7 @@ use crate::surface::{Chord, Direction, check_units, length, moved, read_cloud, r
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
-use metrology::compare::{Tolerance, compare};
+use metrology::compare::{Comparison, Tolerance, compare, compare_with_nearest};
 use metrology::reference::Reference;
 use metrology::register::{RegisterSettings, Registration, register};
 use metrology::verdict::Verdict;
@@ -29,7 +29,7 @@ pub struct Args {
     reference: PathBuf,
     #[command(flatten)]
     chord: Chord,
-    /// Definition of the distances: to the surface of the reference, or means in cylinders with a level of detection.
+    /// Definition of the distances: to the surface of the reference, to its nearest point, or means in cylinders with a level of detection.
     #[arg(long, value_enum, default_value_t = Method::Surface)]
     method: Method,
     /// Register the cloud to the reference first.
@@ -89,6 +89,8 @@ pub struct Args {
 enum Method {
     /// Signed along the reference's normal, point by point.
     Surface,
+    /// Without a sign, to the nearest point of a cloud or place of a mesh; that to a cloud grows with the spacing of its points.
+    Nearest,
     /// Lague, Brodu & Leroux 2013.
     M3c2,
 }
@@ -119,9 +121,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let reference = read_reference(&args.reference, &args.chord, args.towards.0, args.radius)?;
     check_units((&args.cloud, &points), (&args.reference, &reference))?;
     let (points, reference, alignment) = align(args, points, reference)?;
-    let reference = faced(args, reference)?;
+    // Without a sign no side is outside.
+    let reference = if args.method == Method::Nearest { reference } else { faced(args, reference)? };
+    let limit_mm = args.max_distance.unwrap_or(f64::INFINITY);
     let compared = match (args.method, &reference) {
-        (Method::Surface, _) => surface(args, &points, &reference)?,
+        (Method::Surface, _) => point_by_point(args, &points, compare(&points, &reference, limit_mm))?,
+        (Method::Nearest, _) => {
+            point_by_point(args, &points, compare_with_nearest(&points, &reference, limit_mm))?
+        }
         (Method::M3c2, Reference::Cloud(cloud)) => m3c2::compare(args, &points, cloud)?,
         (Method::M3c2, Reference::Mesh(_)) => {
             bail!("{}: is a mesh; --method m3c2 compares two clouds", args.reference.display())
@@ -145,9 +152,9 @@ fn check_flags(args: &Args) -> Result<()> {
     if !(0.0..100.0).contains(&args.allow_outside) {
         bail!("--allow-outside {}: 0 % to less than 100 %", args.allow_outside);
     }
-    if args.tolerance.is_some() && args.method == Method::M3c2 {
+    if args.tolerance.is_some() && args.method != Method::Surface {
         bail!(
-            "--tolerance judges points: it goes with --method surface; M3C2 has a level of detection instead"
+            "--tolerance judges signed distances of points: it goes with --method surface; M3C2 has a level of detection instead"
         );
     }
     if args.registration < 0.0 || !args.registration.is_finite() {
@@ -213,9 +220,8 @@ fn faced(args: &Args, reference: Reference) -> Result<Reference> {
     Ok(Reference::Cloud(cloud))
 }
 
-/// Point by point against the surface.
-fn surface(args: &Args, points: &[Point], reference: &Reference) -> Result<Compared> {
-    let compared = compare(points, reference, args.max_distance.unwrap_or(f64::INFINITY));
+/// Distances of single points.
+fn point_by_point(args: &Args, points: &[Point], compared: Comparison) -> Result<Compared> {
     let Some(statistics) = compared.statistics else {
         let c = compared.counts;
         bail!(

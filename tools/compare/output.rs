@@ -133,6 +133,7 @@ fn result<'a>(
         radius_mm: cloud.map(metrology::reference::CloudReference::radius_mm),
         method: match args.method {
             Method::Surface => "surface",
+            Method::Nearest => "nearest",
             Method::M3c2 => "m3c2",
         },
         align: match args.align {
@@ -301,6 +302,12 @@ fn meaning(method: Method, reference: &Reference) -> &'static str {
         (Method::M3c2, _) => {
             "Mean of the cloud less mean of the reference in a cylinder along the reference's normal, at core points of the \
              reference; positive outside."
+        }
+        (Method::Nearest, Reference::Mesh(_)) => {
+            "Shortest distance from the triangles of the mesh, without a sign."
+        }
+        (Method::Nearest, Reference::Cloud(_)) => {
+            "Distance from the nearest point of the reference, without a sign; it grows with the spacing of these points."
         }
         (Method::Surface, Reference::Mesh(_)) => {
             "Shortest distance from the triangles of the mesh, positive outside."

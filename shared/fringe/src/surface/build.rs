@@ -227,10 +227,16 @@ impl Selector<'_> {
         let Self { view, samples, link, gaps, settings, .. } = *self;
         let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
         let size = (view.width, view.height);
-        let largest = if broken.quadratic { HALF - 1 } else { smoothing };
-        let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, largest);
         let edge = view.rim_px(&samples.at(pixel), settings.edge_px as usize);
-        if window < edge && at_rim(size, samples, gaps, pixel, link, edge) {
+        let lies_at_rim = |window: usize| window < edge && at_rim(size, samples, gaps, pixel, link, edge);
+        let largest = if broken.quadratic { HALF - 1 } else { smoothing };
+        // Where every window is smaller than the rim, none need be tried first.
+        let asked = largest < edge;
+        if asked && lies_at_rim(largest) {
+            return (samples.at(pixel), None, Cause::Rim);
+        }
+        let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, largest);
+        if !asked && lies_at_rim(window) {
             return (sample, None, Cause::Rim);
         }
         let normal = normal(view, samples, pixel, link, (half, broken.plane));

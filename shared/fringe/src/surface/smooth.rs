@@ -11,8 +11,9 @@ use super::curved::{Derivatives, missing};
 use super::normals::Link;
 use super::point::{Sample, View};
 use super::raster::Raster;
-use super::shares::{OWN_SHARE, other_left, share_left, shared};
+use super::shares::{MAX_HALF, OWN_SHARE, other_left, share_left, shared};
 use nalgebra::{Matrix6, Vector6};
+use std::sync::LazyLock;
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
 pub(super) const MAX_NOISE: f64 = 1.5;
@@ -82,6 +83,10 @@ pub(super) fn smoothed_partly(
     })
 }
 
+/// The inverses of [`whole`] by half widths: most windows that are tried lack no sample, but are rough.
+static WHOLE_INVERSES: LazyLock<[Option<Matrix6<f64>>; MAX_HALF + 1]> =
+    LazyLock::new(|| std::array::from_fn(|half| Some(whole(half).cholesky()?.inverse())));
+
 /// Normal equations of a quadratic over part of a window.
 struct Partial {
     normal: Matrix6<f64>,
@@ -143,7 +148,9 @@ impl Partial {
     /// Inverse depth at the middle, its derivatives and the share of independent noise that is left; `None` where the samples are rougher
     /// than noise and one smooth surface explain.
     fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, [f64; 2], f64)> {
-        let inverse = self.normal.cholesky()?.inverse();
+        let side = (2 * half + 1) as f64;
+        let inverse =
+            if self.count == side * side { WHOLE_INVERSES[half]? } else { self.normal.cholesky()?.inverse() };
         let fit = inverse * self.moments;
         let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
         let noise = MAX_NOISE * f64::from(centre.sigma);
@@ -233,7 +240,6 @@ fn middle<const HALF: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::shares::MAX_HALF;
     use super::*;
     use crate::rectify::Directions;
 

@@ -60,9 +60,17 @@ impl Counts {
     }
 }
 
-/// Compares a cloud with a reference; points farther away than `limit_mm` are counted and left out.
+/// Compares a cloud with the surface of a reference; points farther away than `limit_mm` are counted and left out.
 pub fn compare(points: &[Point], reference: &Reference, limit_mm: f64) -> Comparison {
-    let deviations = reference.deviations(points, limit_mm);
+    summarised(reference.deviations(points, limit_mm))
+}
+
+/// Compares a cloud with the nearest points of a reference, without a sign; points farther away than `limit_mm` are counted and left out.
+pub fn compare_with_nearest(points: &[Point], reference: &Reference, limit_mm: f64) -> Comparison {
+    summarised(reference.distances_to_nearest(points, limit_mm))
+}
+
+fn summarised(deviations: Vec<Deviation>) -> Comparison {
     let values: Vec<f64> = deviations.iter().filter_map(|d| d.mm()).collect();
     Comparison { counts: Counts::of(&deviations), statistics: Statistics::of(&values), deviations }
 }

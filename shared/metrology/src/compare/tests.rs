@@ -1,7 +1,7 @@
 //! Clouds of known surfaces at known distances.
 
 use super::m3c2::{M3c2Settings, m3c2};
-use super::{Comparison, compare};
+use super::{Comparison, compare, compare_with_nearest};
 use crate::reference::{CloudError, CloudReference, Deviation, Reference};
 use crate::spatial::TriangleMesh;
 use fringe::cloud::Point;
@@ -52,6 +52,29 @@ fn cloud(surface: Surface, count: usize, lift_mm: f64, sigma_mm: f64, seed: u64)
 fn against(points: &[Point], reference: &[Point]) -> Comparison {
     let reference = CloudReference::new(reference, Vector3::z(), None).unwrap();
     compare(points, &Reference::Cloud(reference), f64::INFINITY)
+}
+
+/// Proves: the distance from the nearest point is the least of all distances, and what has none within the limit is counted.
+#[test]
+fn the_nearest_point_is_the_nearest_of_all() {
+    let reference = cloud(torus, 3000, 0.0, 0.01, 5);
+    let points = cloud(torus, 700, 0.4, 0.3, 6);
+    let brute = |p: &Point| {
+        let distances = reference.iter().map(|r| (r.position() - p.position()).norm());
+        distances.fold(f64::INFINITY, f64::min)
+    };
+    let tree = Reference::Cloud(CloudReference::new(&reference, Vector3::z(), None).unwrap());
+    let limit_mm = 0.9;
+    let found = compare_with_nearest(&points, &tree, limit_mm);
+    for (point, deviation) in points.iter().zip(&found.deviations) {
+        let least = brute(point);
+        match deviation.mm() {
+            Some(mm) => assert!((mm - least).abs() < 1e-12 && least <= limit_mm, "{mm} {least}"),
+            None => assert!(least > limit_mm, "{deviation:?} {least}"),
+        }
+    }
+    let cut = found.counts.cut_too_far;
+    assert!(cut > 20 && found.counts.count > 400 && cut + found.counts.count == points.len(), "{cut}");
 }
 
 /// What a paraboloid leaves at the middle of a disc of radius r on a sphere of radius R, in fourth order: ρ⁴/8R³ is fitted

@@ -45,6 +45,17 @@ impl CloudReference {
         deviations
     }
 
+    /// Distances of points from the nearest point of the reference up to a limit, in their order.
+    pub(super) fn to_nearest(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
+        let places: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
+        let nearest = self.tree.nearest_of_all(&places, limit_mm, self.spacing_mm);
+        let sites = self.tree.sites();
+        let distance = |(place, slot): (&Point3<f64>, &u32)| {
+            sites.get(*slot as usize).map_or(Deviation::TooFar, |site| Deviation::Mm((place - site).norm()))
+        };
+        places.par_iter().zip(&nearest).with_min_len(CHUNK).map(distance).collect()
+    }
+
     /// Distances of places, which come in the order of their nearest slots.
     fn deviations_of(
         &self,

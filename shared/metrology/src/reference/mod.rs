@@ -66,10 +66,10 @@ pub enum Reference {
     Mesh(TriangleMesh),
 }
 
-/// Signed distance of a point from the reference, or why it has none.
+/// Distance of a point from the reference, or why it has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Deviation {
-    /// Along the normal of the reference, positive outside, mm.
+    /// Along the normal of the reference, positive outside; without a sign where it is that from the nearest point. In mm.
     Mm(f64),
     /// Farther away than the largest distance.
     TooFar,
@@ -136,6 +136,21 @@ impl Reference {
                 .with_min_len(CHUNK)
                 .map(|p| from_mesh(mesh, &p.position(), limit_mm))
                 .collect(),
+        }
+    }
+
+    /// Distances of points, without a sign, from the nearest point of a cloud or place of a mesh up to a limit, in their order. That from a
+    /// cloud grows with the spacing of its points; also what lies beside the reference has one.
+    pub fn distances_to_nearest(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
+        let from_mesh = |mesh: &TriangleMesh, p: &Point3<f64>| {
+            let foot = mesh.nearest(p, limit_mm);
+            foot.map_or(Deviation::TooFar, |foot| Deviation::Mm((p - foot.position).norm()))
+        };
+        match self {
+            Self::Cloud(cloud) => cloud.to_nearest(points, limit_mm),
+            Self::Mesh(mesh) => {
+                points.par_iter().with_min_len(CHUNK).map(|p| from_mesh(mesh, &p.position())).collect()
+            }
         }
     }
 
