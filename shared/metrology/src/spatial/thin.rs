@@ -1,5 +1,6 @@
 //! One point for each cell of a grid.
 
+use super::CHUNK;
 use super::bvh::Aabb;
 use crate::counted_order::counted_order;
 use fringe::cloud::Point;
@@ -59,8 +60,8 @@ struct Grid {
 impl Grid {
     /// `None` without points. Absurdly small cells grow instead of running out of numbers.
     fn new(points: &[Point3<f64>], edge_mm: f64) -> Option<Self> {
-        let low = points.iter().copied().reduce(|a, b| a.inf(&b))?;
-        let high = points.iter().fold(low, |high, p| high.sup(p));
+        let ends = points.par_iter().with_min_len(CHUNK).map(|p| (*p, *p));
+        let (low, high) = ends.reduce_with(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
         let edge_mm = edge_mm.max((high - low).max() / CELLS_PER_AXIS).max(f64::MIN_POSITIVE);
         let mut grid = Self { low, edge_mm, size: [1; 3] };
         grid.size = grid.cell(&high).map(|last| last + 1);
