@@ -41,7 +41,7 @@ pub(super) struct Broken {
 }
 
 impl Broken {
-    /// Nothing is known.
+    /// Nothing is known of the window.
     pub const UNKNOWN: Self = Self { plane: false, quadratic: false };
 }
 
