@@ -1,4 +1,4 @@
-//! `compare` and `register`: deviations and motions that are known beforehand, and inputs that cannot be meant.
+//! `compare`: deviations that are known beforehand; inputs that neither it nor `register` can mean.
 
 use crate::support::{Ran, fringetool};
 use std::fmt::Write as _;
@@ -6,7 +6,7 @@ use std::path::Path;
 use tempfile::TempDir;
 
 /// A wavy face of 20 mm × 16 mm without any symmetry, as points on a lattice.
-fn face(step_mm: f64, place: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[f64; 3]> {
+pub fn face(step_mm: f64, place: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[f64; 3]> {
     let count = |length: f64| (length / step_mm) as usize;
     let at = |i: usize, j: usize| {
         // Not quite a lattice: no two points are alike.
@@ -20,11 +20,11 @@ fn face(step_mm: f64, place: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-fn lifted(mm: f64) -> impl Fn([f64; 3]) -> [f64; 3] {
+pub fn lifted(mm: f64) -> impl Fn([f64; 3]) -> [f64; 3] {
     move |[x, y, z]| [x, y, z + mm]
 }
 
-fn ply(points: &[[f64; 3]]) -> String {
+pub fn ply(points: &[[f64; 3]]) -> String {
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
     text.push_str("property double x\nproperty double y\nproperty double z\nend_header\n");
     for [x, y, z] in points {
@@ -42,7 +42,7 @@ fn binary_ply(points: &[[f64; 3]]) -> Vec<u8> {
 }
 
 /// A plate of 30 mm × 30 mm at z = 0, as text.
-fn stl() -> String {
+pub fn stl() -> String {
     let mut text = "solid plate\n".to_owned();
     for corners in [[[-5, -5], [25, -5], [25, 25]], [[-5, -5], [25, 25], [-5, 25]]] {
         text.push_str("facet normal 0 0 1\nouter loop\n");
@@ -54,24 +54,24 @@ fn stl() -> String {
     text + "endsolid plate\n"
 }
 
-struct Folder(TempDir);
+pub struct Folder(TempDir);
 
 impl Folder {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self(TempDir::new().unwrap())
     }
 
-    fn path(&self, name: &str) -> String {
+    pub fn path(&self, name: &str) -> String {
         self.0.path().join(name).to_str().unwrap().to_owned()
     }
 
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
         let path = self.path(name);
         std::fs::write(&path, bytes).unwrap();
         path
     }
 
-    fn json(&self, name: &str) -> serde_json::Value {
+    pub fn json(&self, name: &str) -> serde_json::Value {
         serde_json::from_str(&std::fs::read_to_string(self.path(name)).unwrap()).unwrap()
     }
 }
@@ -210,57 +210,6 @@ fn m3c2_and_best_fit_find_what_was_done() {
     assert!((result["best_fit"]["translation_mm"][2].as_f64().unwrap() + 0.1).abs() < 2e-3);
 }
 
-/// Turned by 0.4 rad about z and shifted.
-fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
-    let (sine, cosine) = 0.4_f64.sin_cos();
-    [cosine * x - sine * y + 30.0, sine * x + cosine * y - 12.0, z + 7.0]
-}
-
-#[test]
-fn register_undoes_a_known_motion_and_writes_it() {
-    let folder = Folder::new();
-    let reference = folder.write("reference.ply", ply(&face(0.2, lifted(0.0))));
-    let cloud = folder.write("cloud.ply", ply(&face(0.25, turned)));
-    let (out, json) = (folder.path("out.ply"), folder.path("out.json"));
-    fringetool(&["register", &cloud, "--to", &reference, "--out", &out, "--json", &json]).expect_success();
-    let result = folder.json("out.json");
-    assert_eq!(
-        (result["converged"].as_bool(), result["undetermined"].as_array().unwrap().len()),
-        (Some(true), 0)
-    );
-    // The motion back takes what was turned to where it was.
-    let matrix = |r: usize, c: usize| result["matrix"][r][c].as_f64().unwrap();
-    let [x, y, z] = turned([10.0, 8.0, 0.0]);
-    for (row, expected) in [10.0, 8.0, 0.0].into_iter().enumerate() {
-        let found = matrix(row, 0) * x + matrix(row, 1) * y + matrix(row, 2) * z + matrix(row, 3);
-        assert!((found - expected).abs() < 2e-3, "row {row}: {found}");
-        assert_eq!(result["translation_mm"][row], result["matrix"][row][3]);
-        assert_eq!(result["rotation"][row][0], result["matrix"][row][0]);
-    }
-    // The written cloud lies on the reference, and its transform is a start like any other.
-    let report = folder.path("compare.json");
-    fringetool(&["compare", &out, &reference, "--json", &report]).expect_success();
-    assert!(folder.json("compare.json")["rms_mm"].as_f64().unwrap() < 1e-3);
-    let again = folder.path("again.json");
-    let arguments =
-        ["register", &cloud, "--to", &reference, "--out", &out, "--start", &json, "--json", &again];
-    fringetool(&arguments).expect_success();
-    assert_eq!(folder.json("again.json")["start"], "given");
-}
-
-#[test]
-fn several_clouds_go_into_a_folder() {
-    let folder = Folder::new();
-    let reference = folder.write("reference.ply", ply(&face(0.3, lifted(0.0))));
-    let (a, b) =
-        (folder.write("a.ply", ply(&face(0.4, lifted(0.1)))), folder.write("b.ply", ply(&face(0.4, turned))));
-    let out = folder.path("out");
-    fringetool(&["register", &a, &b, "--to", &reference, "--out", &out]).expect_success();
-    for name in ["out/a.ply", "out/a.json", "out/b.ply", "out/b.json"] {
-        assert!(Path::new(&folder.path(name)).is_file(), "{name}");
-    }
-}
-
 #[test]
 fn datums_bring_a_scan_into_the_frame_of_the_part() {
     let small = crate::support::Small::new();
@@ -304,19 +253,6 @@ fn datums_bring_a_scan_into_the_frame_of_the_part() {
             assert!((found - expected).abs() < 0.28, "axis {axis}: {found}, {expected}");
         }
     }
-}
-
-#[test]
-fn a_plane_on_a_plane_is_reported_as_undetermined() {
-    let folder = Folder::new();
-    let plate = folder.write("plate.stl", stl());
-    let cloud = folder.write("cloud.ply", ply(&face(0.5, |[x, y, _]| [x, y, 0.2])));
-    let (out, json) = (folder.path("out.ply"), folder.path("out.json"));
-    let arguments =
-        ["register", &cloud, "--to", &plate, "--out", &out, "--start", "as-it-lies", "--json", &json];
-    let ran = fringetool(&arguments).expect_success();
-    assert!(ran.stdout.contains("UNDETERMINED"), "{}", ran.stdout);
-    assert_eq!(folder.json("out.json")["undetermined"].as_array().unwrap().len(), 3);
 }
 
 #[test]

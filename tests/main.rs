@@ -9,7 +9,8 @@
 //! - [`point_lists`]: calibrations from points that others found, lens models, frames of a video
 //! - [`focus`]: best focus and depth of focus from images of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
-//! - [`compare`]: deviations and motions that are known beforehand
+//! - [`compare`]: deviations that are known beforehand
+//! - [`register`]: motions that are known beforehand
 //! - [`cad`]: CAD in STEP as reference and as source of a plan
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
@@ -112,6 +113,7 @@ mod quadrants;
 mod quadrants_calibration;
 mod real;
 mod record;
+mod register;
 mod rig_state;
 mod run_folder;
 mod running;

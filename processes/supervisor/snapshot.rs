@@ -4,7 +4,6 @@
 use anyhow::Result;
 use cell::Cell;
 use fringe::cloud::Point;
-use fringe::frame::Pixels;
 use fringe::pattern::{PatternSet, locate};
 use ipc::header::{Cloud, Frame, Header, Phase};
 use ipc::payload;
@@ -160,36 +159,5 @@ fn keep_image(images: &mut BTreeMap<(u32, u32), CameraImage>, header: &Frame, by
         values: Vec::new(),
     });
     (image.cycle, image.width_px, image.height_px) = (header.cycle, header.width_px, header.height_px);
-    image.values.resize(view.pixels.len(), 0);
-    match view.pixels {
-        Pixels::Mono8(values) if view.full_scale_dn == 255 => image.values.copy_from_slice(values),
-        Pixels::Mono8(values) => to_8_bits(values, view.full_scale_dn, &mut image.values),
-        Pixels::Mono16(values) => to_8_bits(values, view.full_scale_dn, &mut image.values),
-    }
-}
-
-/// Grey values of 8 bits, rounded. The supervisor does this while stages decode: a loop that becomes vectors.
-fn to_8_bits<T: Copy + Into<f32>>(values: &[T], full_scale_dn: u16, grey: &mut [u8]) {
-    let scale = 255.0 / f32::from(full_scale_dn);
-    for (grey, &value) in grey.iter_mut().zip(values) {
-        *grey = (value.into() * scale + 0.5) as u8;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn full_scale_becomes_255_and_grey_values_are_rounded() {
-        for full_scale_dn in [200, 255, 1023, 4095, u16::MAX] {
-            let values: Vec<u16> = (0..=full_scale_dn).collect();
-            let mut grey = vec![7; values.len()];
-            to_8_bits(&values, full_scale_dn, &mut grey);
-            for (value, grey) in values.into_iter().zip(grey) {
-                let exact = f64::from(value) * 255.0 / f64::from(full_scale_dn);
-                assert!((f64::from(grey) - exact).abs() < 0.5 + 1e-4, "{value} of {full_scale_dn}: {grey}");
-            }
-        }
-    }
+    view.to_8_bits(&mut image.values);
 }

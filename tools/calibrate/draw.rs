@@ -119,8 +119,7 @@ fn magnification(calibration: &Calibration, device: usize) -> f64 {
 
 /// Eight bits of a frame.
 fn grey(frame: &Frame, caption: String) -> GreyPicture {
-    let view = frame.view();
-    let scale = 255.0 / f32::from(view.full_scale_dn.max(1));
-    let values = (0..view.pixels.len()).map(|i| (view.pixels.get(i) * scale).round() as u8).collect();
+    let mut values = Vec::new();
+    frame.view().to_8_bits(&mut values);
     GreyPicture { caption, width_px: frame.width_px, height_px: frame.height_px, values }
 }

@@ -59,6 +59,21 @@ impl<'a> FrameView<'a> {
         };
         Some(Self { width_px, height_px, full_scale_dn, pixels })
     }
+
+    /// Writes the grey values in 8 bits, rounded, full scale as 255. A cell does this while its stages decode: loops that become vectors.
+    pub fn to_8_bits(&self, grey: &mut Vec<u8>) {
+        grey.clear();
+        match self.pixels {
+            Pixels::Mono8(values) if self.full_scale_dn == 255 => grey.extend_from_slice(values),
+            Pixels::Mono8(values) => grey.extend(in_8_bits(values, self.full_scale_dn)),
+            Pixels::Mono16(values) => grey.extend(in_8_bits(values, self.full_scale_dn)),
+        }
+    }
+}
+
+fn in_8_bits<T: Copy + Into<f32>>(values: &[T], full_scale_dn: u16) -> impl Iterator<Item = u8> {
+    let scale = 255.0 / f32::from(full_scale_dn.max(1));
+    values.iter().map(move |value| ((*value).into() * scale + 0.5) as u8)
 }
 
 /// Grey values that a frame owns.
@@ -106,5 +121,31 @@ impl From<FrameView<'_>> for Frame {
         };
         let FrameView { width_px, height_px, full_scale_dn, .. } = view;
         Self { width_px, height_px, full_scale_dn, pixels }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn full_scale_becomes_255_and_grey_values_are_rounded() {
+        for full_scale_dn in [200, 255, 1023, 4095, u16::MAX] {
+            let values: Vec<u16> = (0..=full_scale_dn).collect();
+            let bytes: Vec<u8> = values.iter().filter_map(|value| u8::try_from(*value).ok()).collect();
+            for pixels in [Pixels::Mono16(&values), Pixels::Mono8(&bytes)] {
+                let view = FrameView { width_px: pixels.len() as u32, height_px: 1, full_scale_dn, pixels };
+                let mut grey = vec![7; 3];
+                view.to_8_bits(&mut grey);
+                assert_eq!(grey.len(), pixels.len());
+                for (value, grey) in values.iter().zip(grey) {
+                    let exact = f64::from(*value) * 255.0 / f64::from(full_scale_dn);
+                    assert!(
+                        (f64::from(grey) - exact).abs() < 0.5 + 1e-4,
+                        "{value} of {full_scale_dn}: {grey}"
+                    );
+                }
+            }
+        }
     }
 }

@@ -24,10 +24,14 @@ struct Surface {
     radius_mm: f64,
 }
 
+fn places(points: &[Point]) -> Vec<Point3<f64>> {
+    points.par_iter().with_min_len(CHUNK).map(Point::position).collect()
+}
+
 impl CloudReference {
     /// Signed distances of points up to a limit, in their order.
     pub(super) fn deviations(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
-        let places: Vec<Point3<f64>> = points.par_iter().with_min_len(CHUNK).map(Point::position).collect();
+        let places = places(points);
         let lateral = self.lateral_mm();
         let reach_mm = (limit_mm * limit_mm + lateral * lateral).sqrt();
         let nearest = self.tree.nearest_of_all(&places, reach_mm, self.spacing_mm);
@@ -47,7 +51,7 @@ impl CloudReference {
 
     /// Distances of points from the nearest point of the reference up to a limit, in their order.
     pub(super) fn to_nearest(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
-        let places: Vec<Point3<f64>> = points.par_iter().with_min_len(CHUNK).map(Point::position).collect();
+        let places = places(points);
         let nearest = self.tree.nearest_of_all(&places, limit_mm, self.spacing_mm);
         let sites = self.tree.sites();
         let distance = |(place, slot): (&Point3<f64>, &u32)| {
