@@ -171,7 +171,7 @@ fn raise(damping: f64) -> f64 {
 }
 
 /// Root mean square motion of the surface under the points by a step, mm.
-fn surface_step<const P: usize>(normal: &Normal<P>, step: &SVector<f64, P>) -> f64 {
+pub(super) fn surface_step<const P: usize>(normal: &Normal<P>, step: &SVector<f64, P>) -> f64 {
     let matrix = normal.symmetric();
     let square: f64 = (0..P).map(|i| step[i] * (0..P).map(|j| matrix[(i, j)] * step[j]).sum::<f64>()).sum();
     (square.max(0.0) / normal.rows.max(1) as f64).sqrt()

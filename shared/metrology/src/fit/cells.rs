@@ -52,18 +52,20 @@ impl<'a> Cubes<'a> {
         self.extent
     }
 
-    fn along(value: f64, edge_mm: f64) -> u64 {
-        (value / edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64
+    /// Number of the cube along an axis; a product, which takes a fraction of the time of a quotient.
+    fn along(value: f64, cubes_per_mm: f64) -> u64 {
+        (value * cubes_per_mm).clamp(0.0, CELLS_PER_AXIS) as u64
     }
 
     /// The grid of cubes of an edge; `None` where they are too many to be counted one by one.
     fn dense(&self, edge_mm: f64) -> Option<Grid> {
-        // The largest difference has the largest quotient.
-        let [x, y, z] = [0, 1, 2].map(|axis| Self::along(self.extent[axis], edge_mm) as usize + 1);
+        let cubes_per_mm = 1.0 / edge_mm;
+        // The largest difference has the largest product.
+        let [x, y, z] = [0, 1, 2].map(|axis| Self::along(self.extent[axis], cubes_per_mm) as usize + 1);
         let cubes = x.checked_mul(y)?.checked_mul(z)?;
         let few = cubes <= FEW_CUBES.max(4 * self.points.len());
         let strides = [y as f64, z as f64];
-        few.then(|| Grid { lowest: self.lowest, edge_mm, strides, cubes, level: Level::new() })
+        few.then(|| Grid { lowest: self.lowest, cubes_per_mm, strides, cubes, level: Level::new() })
     }
 
     /// Number of cubes of an edge that hold points.
@@ -95,10 +97,11 @@ impl<'a> Cubes<'a> {
     }
 
     fn sorted(&self, edge_mm: f64) -> Vec<(u64, u32)> {
+        let cubes_per_mm = 1.0 / edge_mm;
         let numbered = self.points.iter().zip(0..);
         let mut keyed: Vec<(u64, u32)> = numbered
             .map(|(p, index)| {
-                let [x, y, z] = (p - self.lowest).map(|v| Self::along(v, edge_mm) as f64).into();
+                let [x, y, z] = (p - self.lowest).map(|v| Self::along(v, cubes_per_mm) as f64).into();
                 (((x as u64) << 42) | ((y as u64) << 21) | z as u64, index)
             })
             .collect();
@@ -110,7 +113,7 @@ impl<'a> Cubes<'a> {
 /// Cubes that are few enough to be numbered.
 struct Grid {
     lowest: Vector3<f64>,
-    edge_mm: f64,
+    cubes_per_mm: f64,
     /// Cubes along y, and along z.
     strides: [f64; 2],
     cubes: usize,
@@ -153,8 +156,8 @@ impl Grid {
         for (offset, point) in offsets.iter_mut().zip(group) {
             *offset = point[axis] - self.lowest[axis];
         }
-        let quotients = f64x8::from_slice(simd, &offsets) / self.edge_mm;
-        quotients.max(0.0).min(CELLS_PER_AXIS).floor()
+        let products = f64x8::from_slice(simd, &offsets) * self.cubes_per_mm;
+        products.max(0.0).min(CELLS_PER_AXIS).floor()
     }
 }
 

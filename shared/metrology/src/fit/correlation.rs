@@ -102,9 +102,9 @@ pub(crate) fn estimate_rows<const P: usize>(
     inverse: &SMatrix<f64, P, P>,
 ) -> Estimate<P> {
     let cells = gather(rows, points);
-    let mut correlogram = Correlogram::new(&cells);
+    let (mut correlogram, scores) = (Correlogram::new(&cells), Within::new(&cells));
     let mut with = |covariance: &SMatrix<f64, P, P>| {
-        let within = within(&cells, covariance);
+        let within = scores.given(covariance);
         let (between, reach) = between(&mut correlogram, covariance);
         (admissible(&sandwich(inverse, &within), &sandwich(inverse, &(within + between))), reach)
     };
@@ -126,14 +126,38 @@ fn sandwich<const P: usize>(inverse: &SMatrix<f64, P, P>, middle: &SMatrix<f64, 
     (full + full.transpose()) * 0.5
 }
 
-/// The middle matrix within cells, given the covariance so far.
-fn within<const P: usize>(cells: &[Cell<P>], covariance: &SMatrix<f64, P, P>) -> SMatrix<f64, P, P> {
-    let mut within = SMatrix::<f64, P, P>::zeros();
-    for cell in cells {
-        let followed = cell.information * covariance * cell.information;
-        within += cell.score * cell.score.transpose() + followed;
+/// The middle matrix within cells: Σ s sᵀ, and what the fit followed, Σ I C I of their information I, which is linear in the covariance C.
+struct Within<const P: usize> {
+    scores: SMatrix<f64, P, P>,
+    /// Σ I · column a · row b · I, by a and b.
+    followed: [[SMatrix<f64, P, P>; P]; P],
+}
+
+impl<const P: usize> Within<P> {
+    fn new(cells: &[Cell<P>]) -> Self {
+        let nothing = SMatrix::<f64, P, P>::zeros();
+        let mut sums = Self { scores: nothing, followed: [[nothing; P]; P] };
+        for Cell { score, information, .. } in cells {
+            sums.scores += score * score.transpose();
+            for (a, of_column) in sums.followed.iter_mut().enumerate() {
+                for (b, followed) in of_column.iter_mut().enumerate() {
+                    *followed += information.column(a) * information.row(b);
+                }
+            }
+        }
+        sums
     }
-    within
+
+    /// Given the covariance so far.
+    fn given(&self, covariance: &SMatrix<f64, P, P>) -> SMatrix<f64, P, P> {
+        let mut within = self.scores;
+        for (a, of_column) in self.followed.iter().enumerate() {
+            for (b, followed) in of_column.iter().enumerate() {
+                within += followed * covariance[(a, b)];
+            }
+        }
+        within
+    }
 }
 
 /// The middle matrix between cells, and the number of bins that count, given the covariance so far.
@@ -251,4 +275,44 @@ fn cell<const P: usize>(rows: &impl Rows<P>, points: &[Vector3<f64>], members: &
     }
     sums.position /= sums.count;
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::math::random::Key;
+
+    /// Residuals and derivatives of some points, made up.
+    struct Given(Vec<(f64, SVector<f64, 3>)>);
+
+    impl Rows<3> for Given {
+        fn rows(&self, index: usize, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
+            add(self.0[index].0, &self.0[index].1);
+        }
+    }
+
+    fn given(count: usize) -> (Given, Vec<Vector3<f64>>) {
+        let key = Key::new(3);
+        let vector =
+            |i: usize, k: u64| Vector3::from_fn(|axis, _| key.with(k).symmetric((3 * i + axis) as u64));
+        let rows = (0..count).map(|i| (vector(i, 0).x, vector(i, 1))).collect();
+        (Given(rows), (0..count).map(|i| vector(i, 2)).collect())
+    }
+
+    /// Proves: the sums that are made once give what each cell by itself gives, for every covariance.
+    #[test]
+    fn what_the_fit_followed_is_that_of_each_cell() {
+        let (rows, points) = given(60);
+        let cells: Vec<Cell<3>> =
+            (0..20_u32).map(|i| cell(&rows, &points, &[(0, i), (0, i + 20), (0, i + 40)])).collect();
+        let sums = Within::new(&cells);
+        for number in 0..5 {
+            let root = SMatrix::<f64, 3, 3>::from_fn(|r, c| Key::new(number).symmetric((3 * r + c) as u64));
+            let covariance = root * root.transpose();
+            let of_cell =
+                |c: &Cell<3>| c.score * c.score.transpose() + c.information * covariance * c.information;
+            let expected: SMatrix<f64, 3, 3> = cells.iter().map(of_cell).sum();
+            assert!((sums.given(&covariance) - expected).amax() < 1e-12, "{covariance}");
+        }
+    }
 }

@@ -55,6 +55,16 @@ impl<const P: usize> Normal<P> {
         }
     }
 
+    /// Sums over the rows that are not in the other, all of whose rows are in this one.
+    pub fn less(&self, other: &Self) -> Self {
+        Self {
+            matrix: self.matrix - other.matrix,
+            gradient: self.gradient - other.gradient,
+            sum: self.sum - other.sum,
+            rows: self.rows.saturating_sub(other.rows),
+        }
+    }
+
     /// The normal matrix JᵀJ with both triangles.
     pub fn symmetric(&self) -> SMatrix<f64, P, P> {
         let mut full = self.matrix;

@@ -5,7 +5,7 @@ use nalgebra::{Point3, SMatrix, Vector3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-use super::adjust::{Adjusted, Model, Until, adjust};
+use super::adjust::{Adjusted, Model, Until, adjust, normal, surface_step};
 use super::centred::{BRANCH, Centred, mean, sum};
 use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
@@ -13,6 +13,10 @@ use super::{Correlation, FitError, FitSettings, Support};
 
 /// Most rounds of rejection; each lowers the sum of squares of the kept points, so they end, usually after five.
 const MAX_REJECT_ROUNDS: usize = 50;
+
+/// A step of at most this part of the residuals counts as small: surfaces bend by far less over it. Leaving out the largest of normal
+/// residuals moves a model by less.
+const SMALL_STEP: f64 = 0.1;
 
 /// A fitted model and everything that was learnt on the way.
 pub(super) struct Solution<M, const P: usize> {
@@ -66,15 +70,32 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
             }
             until = Until::Settled;
         } else {
-            chosen = Cow::Owned(marked(&centred.points, &next));
             used = next;
+            let nearer = (until == Until::Near).then(|| nearer(&adjusted.model, &centred.points, &used));
+            if let Some(model) = nearer.flatten() {
+                adjusted.model = model;
+                continue;
+            }
         }
+        chosen = Cow::Owned(marked(&centred.points, &used));
         adjusted = adjust(element, adjusted.model, &chosen, until)?;
     }
     if until == Until::Near {
+        chosen = Cow::Owned(marked(&centred.points, &used));
         adjusted = adjust(element, adjusted.model, &chosen, Until::Settled)?;
     }
     finish(element, &centred, adjusted, &chosen, used, settings)
+}
+
+/// A model one step nearer to the points that are used: the sums of all points less those of the few others, so that nothing is copied.
+/// `None` where the step is not small beside the residuals, or not known.
+fn nearer<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], used: &[bool]) -> Option<M> {
+    let mut others = Vec::with_capacity(used.iter().filter(|used| !**used).count());
+    others.extend(points.iter().zip(used).filter(|(_, used)| !**used).map(|(point, _)| *point));
+    let left = normal(model, points).less(&normal(model, &others));
+    let step = left.step(0.0)?;
+    let residual_mm = (left.sum / left.rows.max(1) as f64).sqrt();
+    (surface_step(&left, &step) <= SMALL_STEP * residual_mm).then(|| model.moved(&step))
 }
 
 /// Statistics and covariance of an adjusted model.
@@ -221,5 +242,21 @@ mod tests {
                 assert_eq!(used.iter().filter(|used| !**used).count(), rejected);
             }
         }
+    }
+
+    /// Proves: sums of all points less those of a few give the plane of the others; a large step is not taken.
+    #[test]
+    fn a_step_without_copies_is_that_of_the_points_left() {
+        let mut noise = Noise(2);
+        let points: Vec<Vector3<f64>> = (0..3000)
+            .map(|i| Vector3::new(f64::from(i % 60) - 29.5, f64::from(i / 60) - 24.5, 0.02 * noise.normal()))
+            .collect();
+        let start = |offset| Plane { normal: Vector3::z(), tangents: [Vector3::x(), Vector3::y()], offset };
+        let used = without_largest(&start(0.0), &points, 90, &mut Vec::new());
+        let found = nearer(&start(0.0), &points, &used).expect("a small step");
+        let expected = adjust("plane", start(0.0), &marked(&points, &used), Until::Settled).unwrap().model;
+        assert!((found.normal - expected.normal).amax() < 1e-9, "{found:?} {expected:?}");
+        assert!((found.offset - expected.offset).abs() < 1e-9, "{found:?} {expected:?}");
+        assert!(nearer(&start(0.1), &points, &used).is_none());
     }
 }

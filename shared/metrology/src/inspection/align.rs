@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::MeasureError;
-use super::fit_element::{REACH_MARGINS, choose, fit, placing, thinned};
+use super::fit_element::{PLACING_POINTS, REACH_MARGINS, fit, placing, thinned};
 use super::fitted_element::FittedElement;
 use super::gather::gather;
 use super::geometry::Geometry;
@@ -27,7 +27,7 @@ const COARSE_POINTS: usize = 60_000;
 const COARSE_LEAST: usize = 20;
 
 /// Points of a datum element in the fine rounds: the pose is then known to a hundredth of their scatter.
-const FINE_POINTS: usize = 20_000;
+const FINE_POINTS: usize = 10_000;
 
 /// Most fine rounds, and the motion of the datum points below which the pose stands still, mm. Without a change of the
 /// points chosen the second fine round moves by rounding only.
@@ -183,7 +183,7 @@ fn search(
     let spread = Spread::of(cloud.len(), COARSE_POINTS);
     // Each round looks at them: side by side they are read once from a cloud that no cache holds.
     let chosen: Vec<usize> = spread.indices().collect();
-    let thinned: Vec<Point> = chosen.into_par_iter().map(|index| cloud[index]).collect();
+    let coarse: Vec<Point> = chosen.into_par_iter().map(|index| cloud[index]).collect();
     let indices = element_indices(datums);
     let narrowest = indices.iter().map(|i| plan.elements[*i].margin_mm).fold(f64::INFINITY, f64::min);
     let mut pose = placed;
@@ -195,12 +195,12 @@ fn search(
             .map(|i| &plan.elements[*i])
             .map(|e| Region::new(e, margin_mm.max(e.margin_mm), widen_rad))
             .collect();
-        let nearby = gather(&thinned, &pose.inverse(), &regions);
+        let nearby = gather(&coarse, &pose.inverse(), &regions);
         let found = find_datums(datums, &indices, nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let needs = (element.min_points / spread.stretch()).max(COARSE_LEAST);
-            let chosen = choose(element, &regions[slot], (&nearby[slot], None), needs)?;
-            coarse_place(element, &chosen.positions)
+            let few = thinned(element, &regions[slot], (&nearby[slot], None), (needs, PLACING_POINTS))?;
+            coarse_place(element, &few)
         })?;
         pose = pose.after(&correction(nominal, &found)?);
         if margin_mm <= narrowest {

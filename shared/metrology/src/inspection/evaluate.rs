@@ -5,7 +5,7 @@ use super::align::{PlacedPart, align, describe};
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::extracted;
-use super::filter::Across;
+use super::filter::Filtered;
 use super::fit_element::{Measured, REACH_MARGINS, about, measure};
 use super::fitted_element::FittedElement;
 use super::gather::gather;
@@ -120,8 +120,28 @@ fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Out
         plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
     let nearby = gather(cloud, &world_from_part.inverse(), &regions);
     let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
-    let fitted = plan.elements.par_iter().zip(&nearby);
-    fitted.map(|(e, nearby)| measure(e, nearby, correlation).map_err(|error| error.to_string())).collect()
+    let measured = |index: usize| {
+        let filters_mm = filters_mm(plan, index);
+        measure(&plan.elements[index], &nearby[index], correlation, &filters_mm)
+            .map_err(|error| error.to_string())
+    };
+    (0..plan.elements.len()).into_par_iter().map(measured).collect()
+}
+
+/// Edges of the filters after which a plane's flatness is wanted, mm, each once.
+fn filters_mm(plan: &Plan, index: usize) -> Vec<f64> {
+    let mut edges_mm = Vec::new();
+    for feature in &plan.features {
+        match feature.quantity {
+            Quantity::PlaneFlatness { plane, filter_mm: Some(edge_mm) }
+                if plane == index && !edges_mm.contains(&edge_mm) =>
+            {
+                edges_mm.push(edge_mm);
+            }
+            _ => {}
+        }
+    }
+    edges_mm
 }
 
 /// What is reported of an element. The residuals live on in its points.
@@ -225,9 +245,14 @@ fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
     }
 }
 
-/// Where in its plane an element's points lie.
-fn places(elements: &[Outcome], index: usize) -> &[Across] {
-    measured(elements, index).map_or(&[], |measured| &measured.across)
+/// A plane's flatness after a filter of this edge, mm.
+fn filtered(elements: &[Outcome], index: usize, edge_mm: f64) -> Result<&Filtered, String> {
+    let found = measured(elements, index).and_then(|m| m.filtered.iter().find(|(edge, _)| *edge == edge_mm));
+    match found {
+        Some((_, Ok(filtered))) => Ok(filtered),
+        Some((_, Err(error))) => Err(error.to_string()),
+        None => Err(format!("the flatness of element {index} was not filtered")),
+    }
 }
 
 /// An element that was measured.
@@ -263,8 +288,7 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             flatness(plane(elements, index)?).with_shared(u_shared_mm(elements, index))
         }
         Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
-            filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
-                .map_err(|error| error.to_string())?
+            filtered_flatness(plane(elements, index)?, filtered(elements, index, edge_mm)?)
                 .with_shared(u_shared_mm(elements, index))
         }
         Quantity::PlaneDistance([a, b]) => {

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 
 use super::MeasureError;
 use super::associate::{associated, outlined};
-use super::filter::Across;
+use super::filter::{Across, Filtered, filtered};
 use super::fitted_element::FittedElement;
 use super::gather::Nearby;
 use super::geometry::Geometry;
@@ -34,7 +34,7 @@ const STILL_MARGINS: f64 = 0.01;
 
 /// Points from which a region is placed: they give the surface to a fiftieth of their scatter, which is a twentieth of
 /// the margin at most.
-const PLACING_POINTS: usize = 4000;
+pub(super) const PLACING_POINTS: usize = 4000;
 
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
@@ -46,8 +46,8 @@ const NOT_FINITE: &str = "its values or their uncertainties are not finite";
 pub(super) struct Measured {
     pub fit: FittedElement,
     pub points: Vec<DeviationPoint>,
-    /// Where in a plane each point lies; empty for other elements.
-    pub across: Vec<Across>,
+    /// The flatness of a plane after each filter that was asked for, with the filter's edge, mm; why there is none, where there is none.
+    pub filtered: Vec<(f64, Result<Filtered, MeasureError>)>,
     /// Points behind the fit in the part frame; of an outline those of its border.
     pub positions: Vec<Point3<f64>>,
     /// Root mean square of the errors that the points may have in common, mm.
@@ -158,7 +158,8 @@ pub(super) fn fit(
     .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
 }
 
-/// Fits an element on its candidates: region about the nominal geometry, then about rough fits until it stands still.
+/// Fits an element on its candidates: region about the nominal geometry, then about rough fits until it stands still. Of a plane the
+/// flatness after filters of these edges, mm, too: here other elements are still fitted beside it.
 ///
 /// # Errors
 /// Too few points, no surface, too far from nominal, no fit.
@@ -166,6 +167,7 @@ pub(super) fn measure(
     element: &Element,
     nearby: &Nearby,
     correlation: Correlation,
+    filters_mm: &[f64],
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
@@ -181,7 +183,7 @@ pub(super) fn measure(
     }
     let mut chosen = choose(element, &region, (nearby, None), element.min_points)?;
     refuse_copies(element, &chosen.positions)?;
-    let across = across(&nominal, &chosen);
+    let across = if filters_mm.is_empty() { Vec::new() } else { across(&nominal, &chosen) };
     let mut shared_mm = std::mem::take(&mut chosen.shared_mm);
     if shared_mm.iter().all(|shared| *shared == 0.0) {
         // As a rule.
@@ -201,7 +203,9 @@ pub(super) fn measure(
     }
     let numbers = chosen.places.iter().map(|place| nearby.numbers()[*place as usize]);
     let points = deviations(&nominal, &found, numbers, surface.as_ref().unwrap_or(&behind));
-    Ok(Measured { fit: found, points, across, positions: behind, shared_mm: rms(&shared_mm) })
+    let of_edge = |edge: &f64| (*edge, filtered(&across, &found.residuals().deviation_mm, *edge));
+    let filtered = filters_mm.iter().map(of_edge).collect();
+    Ok(Measured { fit: found, points, filtered, positions: behind, shared_mm: rms(&shared_mm) })
 }
 
 /// Root mean square of the errors that points may have in common, as far as it counts: what an extreme of the element may be off by. Not the

@@ -1,7 +1,6 @@
 //! What a feature reads: a value with what the scatter of its points says of it, before anything is decided.
 
-use super::MeasureError;
-use super::filter::{Across, filtered};
+use super::filter::Filtered;
 use super::flatness::u_range_mm;
 use super::result::FlatnessFilter;
 use crate::fit::{Derived, Form, PlaneFit};
@@ -66,15 +65,10 @@ pub(super) fn flatness(fit: &PlaneFit) -> Reading {
     unfiltered(form, Reading::new(form.form_range_mm, u, &[form]))
 }
 
-/// Range of the cell means; see [`filtered`].
-pub(super) fn filtered_flatness(
-    fit: &PlaneFit,
-    across: &[Across],
-    edge_mm: f64,
-) -> Result<Reading, MeasureError> {
-    let found = filtered(across, &fit.residuals.deviation_mm, edge_mm)?;
+/// Range of the cell means; see [`super::filter::filtered`].
+pub(super) fn filtered_flatness(fit: &PlaneFit, found: &Filtered) -> Reading {
     let reading = Reading::new(found.range_mm, found.u_mm, &[&fit.form]);
-    Ok(unfiltered(&fit.form, Reading { filter: Some(found.report), ..reading }))
+    unfiltered(&fit.form, Reading { filter: Some(found.report.clone()), ..reading })
 }
 
 /// A flatness with what its single points show beside it.
