@@ -12,6 +12,9 @@ use std::ops::Range;
 /// Leading bits of a key that an index has a place for: about as many places as a cloud has cells, and small enough for a cache.
 const INDEX_BITS: u32 = 16;
 
+/// Entries behind the last cell, as many as the widest row of cells that is asked for at once.
+const ENDS: usize = 5;
+
 /// A cell that holds points, and where they begin.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Cell {
@@ -25,7 +28,7 @@ pub(super) struct Cell {
 /// A cloud in the order of its cells.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cloud<'a> {
-    /// Cells that hold points, by key; behind the last one their end.
+    /// Cells that hold points, by key; behind the last one [`ENDS`] times their end.
     cells: &'a [Cell],
     /// By key, those of a cell in the order of the cloud.
     runs: &'a [Run],
@@ -56,7 +59,7 @@ impl<'a> Cloud<'a> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
     pub sites: Sites,
-    /// Cells that hold points, by key; behind the last one their end.
+    /// Cells that hold points, by key; behind the last one [`ENDS`] times their end.
     pub occupied: Vec<Cell>,
     /// The grid that the keys are of; none before the first use.
     grid: Option<Grid>,
@@ -86,7 +89,7 @@ impl Cells {
     /// Lists the cells that hold runs, which are sorted.
     fn list_cells(&mut self) {
         let runs = self.runs.all();
-        clear_and_reserve(&mut self.occupied, runs.len() + 1);
+        clear_and_reserve(&mut self.occupied, runs.len() + ENDS);
         let mut site = 0;
         for (Run { key, count, .. }, run) in runs.iter().zip(0..) {
             if self.occupied.last().is_none_or(|cell| cell.key != *key) {
@@ -94,7 +97,7 @@ impl Cells {
             }
             site += count;
         }
-        self.occupied.push(Cell { key: u64::MAX, site, run: runs.len() as u32 });
+        self.occupied.extend([Cell { key: u64::MAX, site, run: runs.len() as u32 }; ENDS]);
     }
 
     /// Forgets the sites of all cells.
@@ -140,7 +143,7 @@ impl Cells {
 
     /// Number of cells that hold points.
     pub fn len(&self) -> usize {
-        self.occupied.len().saturating_sub(1)
+        self.occupied.len().saturating_sub(ENDS)
     }
 
     /// Key of a cell that holds points.

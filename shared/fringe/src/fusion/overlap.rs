@@ -23,11 +23,12 @@ pub(super) struct Nearness {
     pub every: usize,
 }
 
-/// Moments of the distances, in the order of the cells.
+/// Sums of the distances, in the order of the cells. Distances lie about zero, so that the square of their mean takes few digits of the mean
+/// of their squares.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Distances {
     count: u32,
-    mean: f64,
+    sum: f64,
     squares: f64,
     max: f64,
     weights: f64,
@@ -80,37 +81,32 @@ impl Distances {
     fn add_point(&mut self, place: &Place, beside: &Beside, nearness: &Nearness, compared: &mut Compared) {
         let [count, distance, variance] = beside.sums();
         if count >= f64::from(nearness.fewest.max(1)) {
-            let distance = 0.5 * distance / count;
-            let u2 = place.sigma_mm * place.sigma_mm + variance / (count * count);
-            self.add(distance, u2.sqrt());
+            let share = 1.0 / count;
+            let distance = 0.5 * distance * share;
+            let u2 = place.sigma_mm * place.sigma_mm + variance * (share * share);
+            self.add(distance, u2);
             compared.add(distance, u2, nearness.radius_mm);
         }
     }
 
-    /// Welford's update: no cancellation.
+    /// Adds a distance, mm, with its variance, mm².
     #[inline(always)]
-    fn add(&mut self, distance: f64, sigma: f64) {
+    fn add(&mut self, distance: f64, u2: f64) {
         self.count += 1;
-        let before = distance - self.mean;
-        self.mean += before / f64::from(self.count);
-        self.squares += before * (distance - self.mean);
+        self.sum += distance;
+        self.squares += distance * distance;
         self.max = self.max.max(distance.abs());
-        let weight = 1.0 / (sigma * sigma);
+        let weight = 1.0 / u2;
         self.weights += weight;
         self.weighted += weight * distance;
         self.weighted_squares += weight * distance * distance;
     }
 
-    /// Both together (Chan, Golub and LeVeque 1979).
+    /// Both together.
     pub fn join(&mut self, other: &Self) {
-        if other.count == 0 {
-            return;
-        }
-        let (own, more) = (f64::from(self.count), f64::from(other.count));
-        let (total, apart) = (own + more, other.mean - self.mean);
         self.count += other.count;
-        self.mean += apart * (more / total);
-        self.squares += other.squares + apart * apart * (own * more / total);
+        self.sum += other.sum;
+        self.squares += other.squares;
         self.max = self.max.max(other.max);
         self.weights += other.weights;
         self.weighted += other.weighted;
@@ -120,12 +116,13 @@ impl Distances {
     /// What is reported of them.
     pub fn overlap(&self, a: usize, b: usize) -> Overlap {
         let n = f64::from(self.count);
-        let sd_mm = if self.count < 2 { 0.0 } else { (self.squares / (n - 1.0)).sqrt() };
+        let m = if self.count == 0 { 0.0 } else { self.sum / n };
+        let sd_mm =
+            if self.count < 2 { 0.0 } else { ((self.squares - n * m * m).max(0.0) / (n - 1.0)).sqrt() };
         // Σ w (d − m)² = Σ w d² − 2 m Σ w d + m² Σ w.
-        let m = self.mean;
         let sum = self.weighted_squares - 2.0 * m * self.weighted + m * m * self.weights;
         let ratio = (sum / n).sqrt();
         let sd_over_sigma = (self.count > 1 && ratio.is_finite()).then_some(ratio);
-        Overlap { a, b, count: self.count, mean_mm: self.mean, sd_mm, max_mm: self.max, sd_over_sigma }
+        Overlap { a, b, count: self.count, mean_mm: m, sd_mm, max_mm: self.max, sd_over_sigma }
     }
 }

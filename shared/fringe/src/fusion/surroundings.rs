@@ -39,15 +39,14 @@ impl<const N: usize> Surroundings<N> {
         for ((row, cursor), offset) in rows.iter_mut().zip(&mut self.cursors).zip(self.offsets) {
             let Some(middle) = key.checked_add_signed(offset) else { continue };
             let from = middle.saturating_sub(self.reach);
-            // The last entry of `occupied` has the largest key: the walk ends there.
+            // The last entries of `occupied` have the largest key: the walk ends there.
             while cells.occupied[*cursor].key < from {
                 *cursor += 1;
             }
-            let mut end = *cursor;
-            while cells.occupied[end].key <= middle + self.reach {
-                end += 1;
-            }
-            *row = *cursor..end;
+            // A row has so many cells at most: all are asked, since which is the last one no processor foresees.
+            let ahead = &cells.occupied[*cursor..*cursor + N.isqrt()];
+            let count = ahead.iter().map(|cell| usize::from(cell.key <= middle + self.reach)).sum::<usize>();
+            *row = *cursor..*cursor + count;
         }
         rows
     }
