@@ -12,6 +12,10 @@ const CELLS_PER_AXIS: f64 = 2_097_151.0;
 /// A grid with at most so many cubes, or four a point, is counted cube by cube; a finer one is sorted.
 const FEW_CUBES: usize = 1 << 16;
 
+/// Added to a whole number below 2³², it leaves that number in the lowest bits: most processors have no step of vectors that makes numbers of
+/// unsigned type.
+const WHOLE: f64 = (1_u64 << 52) as f64;
+
 /// Points that are looked at side by side.
 const LANES: usize = 8;
 
@@ -63,7 +67,7 @@ impl<'a> Cubes<'a> {
         // The largest difference has the largest product.
         let [x, y, z] = [0, 1, 2].map(|axis| Self::along(self.extent[axis], cubes_per_mm) as usize + 1);
         let cubes = x.checked_mul(y)?.checked_mul(z)?;
-        let few = cubes <= FEW_CUBES.max(4 * self.points.len());
+        let few = cubes <= FEW_CUBES.max(4 * self.points.len()).min(u32::MAX as usize);
         let strides = [y as f64, z as f64];
         few.then(|| Grid { lowest: self.lowest, cubes_per_mm, strides, cubes, level: Level::new() })
     }
@@ -141,10 +145,10 @@ impl Grid {
     #[inline(always)]
     fn places_of<S: Simd>(&self, simd: S, group: &[Vector3<f64>]) -> [u32; LANES] {
         let [i, j, k] = [self.along(simd, group, 0), self.along(simd, group, 1), self.along(simd, group, 2)];
-        let places = (i * self.strides[0] + j) * self.strides[1] + k;
+        let places = (i * self.strides[0] + j) * self.strides[1] + k + WHOLE;
         let mut numbers = [0; LANES];
         for (number, place) in numbers.iter_mut().zip(places.as_slice()) {
-            *number = *place as u32;
+            *number = place.to_bits() as u32;
         }
         numbers
     }
@@ -157,7 +161,7 @@ impl Grid {
             *offset = point[axis] - self.lowest[axis];
         }
         let products = f64x8::from_slice(simd, &offsets) * self.cubes_per_mm;
-        products.max(0.0).min(CELLS_PER_AXIS).floor()
+        products.max_precise(0.0).min(CELLS_PER_AXIS).floor()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Pairs of cells of points by their distance.
 
 use fearless_simd::{Level, dispatch};
-use nalgebra::{ArrayStorage, SMatrix, SVector, Vector3};
+use nalgebra::{ArrayStorage, SMatrix, SVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -14,6 +14,9 @@ const REACH_SHARE: f64 = 1.0 / 3.0;
 
 /// Cells whose pairs one thread sums; fixed, so that no result depends on the number of threads.
 const CELLS_AT_ONCE: usize = 128;
+
+/// Places whose distances are looked at side by side.
+const SIDE_BY_SIDE: usize = 8;
 
 /// Bins that are summed at first.
 const FIRST_BINS: usize = 4;
@@ -121,14 +124,15 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         let axis = extent.imax();
         let mut cells: Vec<&Cell<P>> = cells.iter().collect();
         cells.sort_by(|a, b| a.position[axis].total_cmp(&b.position[axis]));
-        let positions: Vec<Vector3<f64>> = cells.iter().map(|c| c.position).collect();
+        let places = [0, 1, 2].map(|axis| cells.iter().map(|c| c.position[axis]).collect::<Vec<f64>>());
         let reach_mm = REACH_SHARE * extent[axis];
         // No more bins than cells: neighbours that coincide would need infinitely many.
-        let width_mm = spacing_mm(&positions, axis).max(reach_mm / cells.len().max(1) as f64);
+        let width_mm =
+            spacing_mm(places.each_ref().map(Vec::as_slice), axis).max(reach_mm / cells.len().max(1) as f64);
         let most = if width_mm > 0.0 { (reach_mm / width_mm) as usize + 1 } else { 0 };
         let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
         Self {
-            places: [0, 1, 2].map(|axis| positions.iter().map(|p| p[axis]).collect()),
+            places,
             cells,
             axis,
             rows: 1 + usize::from(curves),
@@ -207,36 +211,78 @@ fn squares_from(here: [f64; 3], [x, y, z]: [&[f64]; 3], squares: &mut [f64]) {
 }
 
 /// Median distance of a position to its nearest neighbour, mm; the positions are in the order of one of their coordinates.
-fn spacing_mm(sorted: &[Vector3<f64>], axis: usize) -> f64 {
-    let nearest_of = |index: usize| {
-        let here = &sorted[index];
-        let mut nearest = f64::INFINITY;
-        // What lies farther along the axis than the nearest so far lies farther.
-        let mut walk = |other: &Vector3<f64>| {
-            let along = other[axis] - here[axis];
-            if along * along >= nearest {
-                return false;
-            }
-            nearest = nearest.min((here - other).norm_squared());
-            true
-        };
-        let _ended = sorted[index + 1..].iter().all(&mut walk);
-        let _ended = sorted[..index].iter().rev().all(&mut walk);
-        nearest
-    };
-    let mut nearest: Vec<f64> = (0..sorted.len()).map(nearest_of).collect();
+fn spacing_mm(places: [&[f64]; 3], axis: usize) -> f64 {
+    let level = Level::new();
+    let mut nearest = dispatch!(level, _simd => nearest_squares(places, axis));
     if nearest.len() < 2 {
         return 0.0;
     }
     median(&mut nearest).map_or(0.0, f64::sqrt)
 }
 
+/// Squared distance of each position to its nearest neighbour, mm²: some others are asked side by side, from the position on to either side.
+#[inline(always)]
+fn nearest_squares(places: [&[f64]; 3], axis: usize) -> Vec<f64> {
+    let count = places[axis].len();
+    let mut all = Vec::with_capacity(count);
+    for index in 0..count {
+        let here = places.map(|places| places[index]);
+        let mut nearest = f64::INFINITY;
+        // What lies farther along the axis than the nearest so far lies farther.
+        let beyond = |other: usize, nearest: f64| {
+            let along = places[axis][other] - here[axis];
+            along * along >= nearest
+        };
+        let (mut start, mut end) = (index + 1, index);
+        while start < count && !beyond(start, nearest) {
+            let next = (start + SIDE_BY_SIDE).min(count);
+            nearest = nearest_of(here, places.map(|places| &places[start..next]), nearest);
+            start = next;
+        }
+        while end > 0 && !beyond(end - 1, nearest) {
+            let next = end.saturating_sub(SIDE_BY_SIDE);
+            nearest = nearest_of(here, places.map(|places| &places[next..end]), nearest);
+            end = next;
+        }
+        all.push(nearest);
+    }
+    all
+}
+
+/// The least squared distance from a place to some others, mm², or `nearest` where none is less.
+#[inline(always)]
+fn nearest_of(here: [f64; 3], others: [&[f64]; 3], mut nearest: f64) -> f64 {
+    let mut squares = [f64::INFINITY; SIDE_BY_SIDE];
+    squares_from(here, others, &mut squares);
+    for square in squares {
+        nearest = if square < nearest { square } else { nearest };
+    }
+    nearest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn the_nearest_is_the_nearest_of_all(
+            mut places in proptest::collection::vec((0_i32..30, 0_i32..30, 0_i32..3), 1..60),
+        ) {
+            places.sort_unstable();
+            let of = |axis: usize| -> Vec<f64> {
+                places.iter().map(|p| f64::from([p.0, p.1, p.2][axis])).collect()
+            };
+            let [x, y, z] = [of(0), of(1), of(2)];
+            let square = |i: usize, j: usize| (x[i] - x[j]).powi(2) + (y[i] - y[j]).powi(2) + (z[i] - z[j]).powi(2);
+            let others = |i: usize| (0..x.len()).filter(move |j| *j != i);
+            let expected: Vec<f64> =
+                (0..x.len()).map(|i| others(i).map(|j| square(i, j)).fold(f64::INFINITY, f64::min)).collect();
+            prop_assert_eq!(nearest_squares([&x, &y, &z], 0), expected);
+        }
+
         #[test]
         fn bins_asked_for_one_by_one_are_those_summed_at_once(
             places in proptest::collection::vec((0_i32..40, 0_i32..40, -9_i32..9), 2..300)

@@ -184,6 +184,20 @@ mod tests {
     }
 
     #[test]
+    fn sums_less_those_of_some_rows_are_those_of_the_others() {
+        let of = |rows: std::ops::Range<usize>| {
+            let mut normal = Normal::<2>::zero();
+            rows.for_each(|i| normal.add(0.1 * i as f64 - 1.0, &SVector::from([1.0, (i % 7) as f64])));
+            normal
+        };
+        let (left, expected) = (of(0..40).less(&of(0..13)), of(13..40));
+        assert_eq!(left.rows, expected.rows);
+        assert!((left.sum - expected.sum).abs() < 1e-12);
+        assert!((left.gradient - expected.gradient).amax() < 1e-12);
+        assert!((left.symmetric() - expected.symmetric()).amax() < 1e-12);
+    }
+
+    #[test]
     fn tangents_make_a_right_handed_frame() {
         for axis in [
             Vector3::x(),

@@ -11,12 +11,18 @@ use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
 use super::{Correlation, FitError, FitSettings, Support};
 
-/// Most rounds of rejection; each lowers the sum of squares of the kept points, so they end, usually after five.
+/// Most rounds of rejection, usually four. Rounds that adjust lower the sum of squares of the kept points, so they end; steps are taken while
+/// they lower it, see [`Steps`].
 const MAX_REJECT_ROUNDS: usize = 50;
 
-/// A step of at most this part of the residuals counts as small: surfaces bend by far less over it. Leaving out the largest of normal
-/// residuals moves a model by less.
+/// A step of at most this part of the residuals counts as small. Leaving out the largest of normal residuals moves a model by less.
 const SMALL_STEP: f64 = 0.1;
+
+/// A sum of squares that grows by less than this part of itself has not grown.
+const ROUNDING: f64 = 1e-12;
+
+/// Steps are taken where at most one point in so many goes: differences of sums tell little of few points that stay.
+const MOST_STAY: usize = 10;
 
 /// A fitted model and everything that was learnt on the way.
 pub(super) struct Solution<M, const P: usize> {
@@ -61,7 +67,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
     let mut chosen = Cow::Borrowed(&centred.points[..]);
     // Which points go hardly changes with the last digits of the model: they are sought when the same ones go again.
     let rounds = if rejected > 0 { MAX_REJECT_ROUNDS } else { 0 };
-    let mut sizes = Vec::new();
+    let (mut sizes, mut steps) = (Vec::new(), Steps::new(rejected, points.len()));
     for _ in 0..rounds {
         let next = without_largest(&adjusted.model, &centred.points, rejected, &mut sizes);
         if next == used {
@@ -71,8 +77,9 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
             until = Until::Settled;
         } else {
             used = next;
-            let nearer = (until == Until::Near).then(|| nearer(&adjusted.model, &centred.points, &used));
-            if let Some(model) = nearer.flatten() {
+            if until == Until::Near
+                && let Some(model) = steps.nearer(&mut adjusted.model, &centred.points, &used)
+            {
                 adjusted.model = model;
                 continue;
             }
@@ -87,15 +94,46 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
     finish(element, &centred, adjusted, &chosen, used, settings)
 }
 
-/// A model one step nearer to the points that are used: the sums of all points less those of the few others, so that nothing is copied.
-/// `None` where the step is not small beside the residuals, or not known.
-fn nearer<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], used: &[bool]) -> Option<M> {
-    let mut others = Vec::with_capacity(used.iter().filter(|used| !**used).count());
-    others.extend(points.iter().zip(used).filter(|(_, used)| !**used).map(|(point, _)| *point));
-    let left = normal(model, points).less(&normal(model, &others));
-    let step = left.step(0.0)?;
-    let residual_mm = (left.sum / left.rows.max(1) as f64).sqrt();
-    (surface_step(&left, &step) <= SMALL_STEP * residual_mm).then(|| model.moved(&step))
+/// Rounds of rejection of one step each, by the sums of all points less those of the few that go: the many that stay are not copied.
+struct Steps<M> {
+    /// Whether steps are still taken.
+    taken: bool,
+    /// The model before the last step, and the sum of squares of the points that it kept.
+    last: Option<(M, f64)>,
+}
+
+impl<M: Clone> Steps<M> {
+    fn new(rejected: usize, points: usize) -> Self {
+        Self { taken: rejected <= points / MOST_STAY, last: None }
+    }
+
+    /// The model one step nearer to the points that are used. `None` where that step is not small beside the residuals, or not known; and from
+    /// then on where the last one has not lowered the sum of squares, which it is then taken back for: a size that the points hardly determine
+    /// may go far in it.
+    fn nearer<const P: usize>(&mut self, model: &mut M, points: &[Vector3<f64>], used: &[bool]) -> Option<M>
+    where
+        M: Model<P>,
+    {
+        if !self.taken {
+            return None;
+        }
+        let mut others = Vec::with_capacity(used.iter().filter(|used| !**used).count());
+        others.extend(points.iter().zip(used).filter(|(_, used)| !**used).map(|(point, _)| *point));
+        let left = normal(model, points).less(&normal(model, &others));
+        if let Some((before, sum)) = self.last.take()
+            && (left.sum.is_nan() || left.sum > sum * (1.0 + ROUNDING))
+        {
+            (*model, self.taken) = (before, false);
+            return None;
+        }
+        let step = left.step(0.0)?;
+        let residual_mm = (left.sum / left.rows.max(1) as f64).sqrt();
+        let small = surface_step(&left, &step) <= SMALL_STEP * residual_mm;
+        small.then(|| {
+            self.last = Some((model.clone(), left.sum));
+            model.moved(&step)
+        })
+    }
 }
 
 /// Statistics and covariance of an adjusted model.
@@ -253,10 +291,54 @@ mod tests {
             .collect();
         let start = |offset| Plane { normal: Vector3::z(), tangents: [Vector3::x(), Vector3::y()], offset };
         let used = without_largest(&start(0.0), &points, 90, &mut Vec::new());
-        let found = nearer(&start(0.0), &points, &used).expect("a small step");
+        let step = |offset| Steps::new(90, 3000).nearer(&mut start(offset), &points, &used);
+        let found = step(0.0).expect("a small step");
         let expected = adjust("plane", start(0.0), &marked(&points, &used), Until::Settled).unwrap().model;
         assert!((found.normal - expected.normal).amax() < 1e-9, "{found:?} {expected:?}");
         assert!((found.offset - expected.offset).abs() < 1e-9, "{found:?} {expected:?}");
-        assert!(nearer(&start(0.1), &points, &used).is_none());
+        assert!(step(0.1).is_none());
+        assert!(Steps::new(301, 3000).nearer(&mut start(0.0), &points, &used).is_none(), "too many go");
+    }
+
+    /// Proves: a step after which the points that stay lie farther off is taken back, and none follows.
+    #[test]
+    fn a_step_that_makes_it_worse_is_taken_back() {
+        let mut noise = Noise(4);
+        let points: Vec<Vector3<f64>> =
+            (0..900).map(|i| Vector3::new(f64::from(i % 30), f64::from(i / 30), noise.normal())).collect();
+        let plane = |offset| Plane { normal: Vector3::z(), tangents: [Vector3::x(), Vector3::y()], offset };
+        let used = vec![true; points.len()];
+        let mut steps = Steps::new(9, points.len());
+        assert!(steps.nearer(&mut plane(0.02), &points, &used).is_some());
+        let mut worse = plane(0.4);
+        assert!(steps.nearer(&mut worse, &points, &used).is_none());
+        assert_eq!(worse.offset, 0.02);
+        assert!(steps.nearer(&mut plane(0.02), &points, &used).is_none());
+    }
+
+    /// Proves: rejection ends where no other choice of points would be made, whether it goes in steps or not: on a sphere, with a part of dirt on one side.
+    #[test]
+    fn rejection_ends_at_a_choice_that_its_own_sphere_makes() {
+        let mut noise = Noise(6);
+        let points: Vec<Point3<f64>> = (0..4000)
+            .map(|i| {
+                let [x, y, z] = [0; 3].map(|_| noise.normal());
+                let away = Vector3::new(x, y, z.abs() + 0.2).normalize();
+                let dirt = if i % 50 == 0 { 0.3 } else { 0.0 };
+                Point3::from(away * (10.0 + 0.01 * noise.normal() + dirt))
+            })
+            .collect();
+        for fraction in [0.01, 0.03, 0.1, 0.101, 0.5] {
+            let settings = FitSettings { max_reject_fraction: fraction, ..FitSettings::default() };
+            let fit = super::super::sphere(&points, &settings).unwrap();
+            let model = super::super::sphere::FreeSphere {
+                center: fit.center().coords,
+                radius: 0.5 * fit.diameter_mm,
+            };
+            let places: Vec<Vector3<f64>> = points.iter().map(|p| p.coords).collect();
+            let rejected = (fraction * 4000.0) as usize;
+            let again = without_largest(&model, &places, rejected, &mut Vec::new());
+            assert_eq!(again, fit.residuals.used, "{fraction}");
+        }
     }
 }

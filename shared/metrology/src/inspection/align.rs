@@ -26,7 +26,7 @@ const COARSE_POINTS: usize = 60_000;
 /// Fewest points of a datum element in the coarse search: enough for a place to within the next round's margin.
 const COARSE_LEAST: usize = 20;
 
-/// Points of a datum element in the fine rounds: the pose is then known to a hundredth of their scatter.
+/// Points near a datum element in the fine rounds: where most are its own, the pose is known to a hundredth of their scatter.
 const FINE_POINTS: usize = 10_000;
 
 /// Most fine rounds, and the motion of the datum points below which the pose stands still, mm. Without a change of the

@@ -153,7 +153,7 @@ fn level(cells: &mut [Cell]) -> Option<Matrix2<f64>> {
 
 /// The squares that hold points, in the order of their keys; sums in the order of the points.
 fn cells(across: &[Across], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
-    // What lies beyond the integers ends at their border: such a cell is too small to hold enough points anyway.
+    // What lies beyond the border ends there: in one half of a cell, whose other quarters are empty, so that it does not count.
     let halves_per_mm = 2.0 / filter_mm;
     let half = |p: f64| {
         let halves = (p * halves_per_mm).clamp(-1e9, 1e9);

@@ -81,6 +81,52 @@ fn filter(feature: &FeatureResult) -> &FlatnessFilter {
     feature.filter.as_ref().unwrap()
 }
 
+/// Proves: each feature has the plane and the filter that it names, and says why where there is none.
+#[test]
+fn every_flatness_has_its_own_plane_and_filter() {
+    let step = |x: f64, _: f64| if x > 0.0 { 2.0 } else { 0.0 };
+    let dish = |x: f64, y: f64| step(x, y) + if x > 0.0 { 4e-5 * y * y } else { 1e-5 * y * y };
+    let points = cloud(5, 0.35, 0.005, dish);
+    let element = |name: &str, x: f64, z: f64| {
+        format!(
+            "[[element]]\nkind = \"plane\"\nname = \"{name}\"\npoint_mm = [{x:?}, 0.0, {z:?}]\nnormal = [0.0, 0.0, 1.0]\n\
+             direction = [1.0, 0.0, 0.0]\nsize_mm = [40.0, 90.0]\nmargin_mm = 0.8\nmin_points = 100\n\
+             max_reject_fraction = 0.003\n"
+        )
+    };
+    let feature = |name: &str, element: &str, filter: &str| {
+        format!(
+            "[[feature]]\nkind = \"plane-flatness\"\nname = \"{name}\"\nelement = \"{element}\"\nlimit_mm = 0.1\n{filter}\n"
+        )
+    };
+    let elements = [element("low", -25.0, 0.0), element("high", 25.0, 2.0), element("none", 25.0, 9.0)];
+    let features = [
+        ("low", "filter_mm = 2.5"),
+        ("high", "filter_mm = 2.5"),
+        ("low", "filter_mm = 5.0"),
+        ("low", ""),
+        ("high", "filter_mm = 2.5"),
+        ("high", "filter_mm = 60.0"),
+        ("none", "filter_mm = 2.5"),
+    ];
+    let together = |chosen: &[usize]| {
+        let wanted = chosen.iter().map(|i| feature(&format!("f{i}"), features[*i].0, features[*i].1));
+        let text: String = elements.iter().cloned().chain(wanted).collect();
+        let text = format!("format = \"fringecell-plan/1\"\nname = \"plates\"\n{text}");
+        evaluate(&Plan::from_toml(&text).unwrap(), &points).features
+    };
+    let all = together(&[0, 1, 2, 3, 4, 5, 6]);
+    for (number, found) in all.iter().enumerate() {
+        assert_eq!(*found, together(&[number])[0], "{:?}", features[number]);
+    }
+    let value = |number: usize| all[number].value.expect("a flatness");
+    assert!((value(0) - 0.02).abs() < 0.006 && (value(1) - 0.08).abs() < 0.01, "{} {}", value(0), value(1));
+    assert!(value(3) > value(0) && value(0) != value(2) && value(1) == value(4));
+    let reason = |number: usize| all[number].reason.clone().expect("a reason");
+    assert!(reason(5).contains("60"), "{}", reason(5));
+    assert!(reason(6).contains("none"), "{}", reason(6));
+}
+
 /// A perfect plane: the value is the noise of the means, which is stated. Over 60 planes the mean of a range that
 /// scatters by a twelfth is known to 1 %; the noise taken from each plane and the correlation of a row over the border of
 /// its cells leave 5 %.
