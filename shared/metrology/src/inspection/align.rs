@@ -26,7 +26,10 @@ const COARSE_POINTS: usize = 60_000;
 /// Fewest points of a datum element in the coarse search: enough for a place to within the next round's margin.
 const COARSE_LEAST: usize = 20;
 
-/// Points near a datum element in the fine rounds: where most are its own, the pose is known to a hundredth of their scatter.
+/// Points near a datum element up to which the fine rounds take them all: what is fitted to it later then lies where the datums say, to the last digits.
+const FINE_WHOLE: usize = 20_000;
+
+/// So many points of a larger one: where most are its own, the pose is known to a hundredth of their scatter.
 const FINE_POINTS: usize = 10_000;
 
 /// Most fine rounds, and the motion of the datum points below which the pose stands still, mm. Without a change of the
@@ -109,8 +112,10 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Pla
         let found = find_datums(datums, &indices, &nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let region = Region::new(element, element.margin_mm, 0.0);
-            let limits = (element.min_points, FINE_POINTS);
-            let thin = thinned(element, &region, (&gathered[slot], Some(&part_from_coarse)), limits)?;
+            let near = &gathered[slot];
+            let most = if near.len() <= FINE_WHOLE { FINE_WHOLE } else { FINE_POINTS };
+            let limits = (element.min_points, most);
+            let thin = thinned(element, &region, (near, Some(&part_from_coarse)), limits)?;
             fit(element, &thin, &placing(element)).map(Place::from)
         })?;
         let correction = correction(&nominal, &found)?;
