@@ -102,7 +102,7 @@ impl Distances {
         self.weighted_squares += weight * distance * distance;
     }
 
-    /// Both together.
+    /// Joins the sums over other cells.
     pub fn join(&mut self, other: &Self) {
         self.count += other.count;
         self.sum += other.sum;
