@@ -42,22 +42,12 @@ impl Centred {
     pub fn new(element: &'static str, points: &[Point3<f64>]) -> Result<Self, FitError> {
         let within = |v: f64| (-COORDINATE_LIMIT_MM..=COORDINATE_LIMIT_MM).contains(&v);
         let leaf = |leaf: &[Point3<f64>]| {
-            // Some points side by side, of which the processor then takes several coordinates at a time.
-            let (groups, rest) = leaf.as_chunks::<SIDE_BY_SIDE>();
-            let (mut sums, mut all) = ([[0.0; 3]; SIDE_BY_SIDE], true);
-            for group in groups {
-                for (sum, p) in sums.iter_mut().zip(group) {
-                    for axis in 0..3 {
-                        sum[axis] += p[axis];
-                        all &= within(p[axis]);
-                    }
-                }
+            let (mut sum, mut all) = (Vector3::zeros(), true);
+            for p in leaf {
+                sum += p.coords;
+                all &= within(p.x) & within(p.y) & within(p.z);
             }
-            let sum: Vector3<f64> = sums.into_iter().map(Vector3::from).sum();
-            let add = |(sum, all): (Vector3<f64>, bool), p: &Point3<f64>| {
-                (sum + p.coords, all & within(p.x) & within(p.y) & within(p.z))
-            };
-            rest.iter().fold((sum, all), add)
+            (sum, all)
         };
         let (sum, all) = tree(points, &leaf, &|a: (Vector3<f64>, bool), b| (a.0 + b.0, a.1 & b.1));
         if !all {
@@ -104,23 +94,7 @@ pub(super) fn check_spatial(
 
 /// Σ p pᵀ, mm².
 pub(super) fn scatter(points: &[Vector3<f64>]) -> Matrix3<f64> {
-    let leaf = |leaf: &[Vector3<f64>]| {
-        let (groups, rest) = leaf.as_chunks::<SIDE_BY_SIDE>();
-        // xx, xy, xz, yy, yz, zz
-        let mut sums = [[0.0; SIDE_BY_SIDE]; 6];
-        for group in groups {
-            for (lane, p) in group.iter().enumerate() {
-                let products = [p.x * p.x, p.x * p.y, p.x * p.z, p.y * p.y, p.y * p.z, p.z * p.z];
-                for (sum, product) in sums.iter_mut().zip(products) {
-                    sum[lane] += product;
-                }
-            }
-        }
-        let [xx, xy, xz, yy, yz, zz] = sums.map(|lanes| lanes.iter().sum::<f64>());
-        let rest: Matrix3<f64> = rest.iter().map(|p| p * p.transpose()).sum();
-        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) + rest
-    };
-    tree(points, &leaf, &|a: Matrix3<f64>, b| a + b)
+    tree(points, &|leaf| leaf.iter().map(|p| p * p.transpose()).sum(), &|a: Matrix3<f64>, b| a + b)
 }
 
 /// Mean of the places of items, mm; zero of none.

@@ -18,8 +18,8 @@ const MAX_REJECT_ROUNDS: usize = 50;
 /// A step of at most this part of the residuals counts as small. Leaving out the largest of normal residuals moves a model by less.
 const SMALL_STEP: f64 = 0.1;
 
-/// A sum of squares that grows by less than this part of itself has not grown.
-const ROUNDING: f64 = 1e-12;
+/// A difference of two sums of squares that grows by less than this part of itself has not grown: it is less exact than each of them.
+const DIFFERENCE_ROUNDING: f64 = 1e-12;
 
 /// Steps are taken where at most one point in so many goes: differences of sums tell little of few points that stay.
 const MOST_STAY: usize = 10;
@@ -77,10 +77,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
             until = Until::Settled;
         } else {
             used = next;
-            if until == Until::Near
-                && let Some(model) = steps.nearer(&mut adjusted.model, &centred.points, &used)
-            {
-                adjusted.model = model;
+            if until == Until::Near && steps.take(&mut adjusted.model, &centred.points, &used) {
                 continue;
             }
         }
@@ -102,37 +99,39 @@ struct Steps<M> {
     last: Option<(M, f64)>,
 }
 
-impl<M: Clone> Steps<M> {
+impl<M> Steps<M> {
     fn new(rejected: usize, points: usize) -> Self {
         Self { taken: rejected <= points / MOST_STAY, last: None }
     }
 
-    /// The model one step nearer to the points that are used. `None` where that step is not small beside the residuals, or not known; and from
-    /// then on where the last one has not lowered the sum of squares, which it is then taken back for: a size that the points hardly determine
-    /// may go far in it.
-    fn nearer<const P: usize>(&mut self, model: &mut M, points: &[Vector3<f64>], used: &[bool]) -> Option<M>
+    /// Takes a model one step nearer to the points that are used. Takes none, and returns false, where the step is not small beside the
+    /// residuals, or not known; and from then on where the last one has not lowered the sum of squares, which it is then taken back for: a size
+    /// that the points hardly determine may go far in it.
+    fn take<const P: usize>(&mut self, model: &mut M, points: &[Vector3<f64>], used: &[bool]) -> bool
     where
         M: Model<P>,
     {
         if !self.taken {
-            return None;
+            return false;
         }
         let mut others = Vec::with_capacity(used.iter().filter(|used| !**used).count());
         others.extend(points.iter().zip(used).filter(|(_, used)| !**used).map(|(point, _)| *point));
         let left = normal(model, points).less(&normal(model, &others));
         if let Some((before, sum)) = self.last.take()
-            && (left.sum.is_nan() || left.sum > sum * (1.0 + ROUNDING))
+            && (left.sum.is_nan() || left.sum > sum * (1.0 + DIFFERENCE_ROUNDING))
         {
             (*model, self.taken) = (before, false);
-            return None;
+            return false;
         }
-        let step = left.step(0.0)?;
         let residual_mm = (left.sum / left.rows.max(1) as f64).sqrt();
-        let small = surface_step(&left, &step) <= SMALL_STEP * residual_mm;
-        small.then(|| {
-            self.last = Some((model.clone(), left.sum));
-            model.moved(&step)
-        })
+        match left.step(0.0) {
+            Some(step) if surface_step(&left, &step) <= SMALL_STEP * residual_mm => {
+                let next = model.moved(&step);
+                self.last = Some((std::mem::replace(model, next), left.sum));
+                true
+            }
+            _ => false,
+        }
     }
 }
 
@@ -291,13 +290,16 @@ mod tests {
             .collect();
         let start = |offset| Plane { normal: Vector3::z(), tangents: [Vector3::x(), Vector3::y()], offset };
         let used = without_largest(&start(0.0), &points, 90, &mut Vec::new());
-        let step = |offset| Steps::new(90, 3000).nearer(&mut start(offset), &points, &used);
-        let found = step(0.0).expect("a small step");
+        let step = |offset, rejected| {
+            let mut model = start(offset);
+            Steps::new(rejected, 3000).take(&mut model, &points, &used).then_some(model)
+        };
+        let found = step(0.0, 90).expect("a small step");
         let expected = adjust("plane", start(0.0), &marked(&points, &used), Until::Settled).unwrap().model;
         assert!((found.normal - expected.normal).amax() < 1e-9, "{found:?} {expected:?}");
         assert!((found.offset - expected.offset).abs() < 1e-9, "{found:?} {expected:?}");
-        assert!(step(0.1).is_none());
-        assert!(Steps::new(301, 3000).nearer(&mut start(0.0), &points, &used).is_none(), "too many go");
+        assert!(step(0.1, 90).is_none());
+        assert!(step(0.0, 301).is_none(), "too many go");
     }
 
     /// Proves: a step after which the points that stay lie farther off is taken back, and none follows.
@@ -309,11 +311,11 @@ mod tests {
         let plane = |offset| Plane { normal: Vector3::z(), tangents: [Vector3::x(), Vector3::y()], offset };
         let used = vec![true; points.len()];
         let mut steps = Steps::new(9, points.len());
-        assert!(steps.nearer(&mut plane(0.02), &points, &used).is_some());
+        assert!(steps.take(&mut plane(0.02), &points, &used));
         let mut worse = plane(0.4);
-        assert!(steps.nearer(&mut worse, &points, &used).is_none());
+        assert!(!steps.take(&mut worse, &points, &used));
         assert_eq!(worse.offset, 0.02);
-        assert!(steps.nearer(&mut plane(0.02), &points, &used).is_none());
+        assert!(!steps.take(&mut plane(0.02), &points, &used));
     }
 
     /// Proves: rejection ends where no other choice of points would be made, whether it goes in steps or not: on a sphere, with a part of dirt on one side.

@@ -72,7 +72,7 @@ pub struct Across {
 /// A square of the grid.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
-    key: [i32; 2],
+    key: [i64; 2],
     points: usize,
     /// Points of the quarter that has fewest.
     fewest: usize,
@@ -153,40 +153,36 @@ fn level(cells: &mut [Cell]) -> Option<Matrix2<f64>> {
 
 /// The squares that hold points, in the order of their keys; sums in the order of the points.
 fn cells(across: &[Across], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
-    // What lies beyond the border ends there: in one half of a cell, whose other quarters are empty, so that it does not count.
-    let halves_per_mm = 2.0 / filter_mm;
+    // A quotient beyond the integers ends at their border: such a cell is too small to hold enough points anyway.
     let half = |p: f64| {
-        let halves = (p * halves_per_mm).clamp(-1e9, 1e9);
+        let quotient = (2.0 * p / filter_mm).clamp(-1e15, 1e15);
         // The floor, without the call that it is on plain processors.
-        halves as i32 - i32::from(halves < f64::from(halves as i32))
+        quotient as i64 - i64::from(quotient < (quotient as i64) as f64)
     };
-    let key = |halves: &[i32; 2]| halves.map(|h| h.div_euclid(2));
-    let quarter = |halves: &[i32; 2]| halves.iter().fold(0, |q, h| 2 * q + h.rem_euclid(2) as usize);
+    let key = |halves: &[i64; 2]| halves.map(|h| h.div_euclid(2));
+    let quarter = |halves: &[i64; 2]| halves.iter().fold(0, |q, h| 2 * q + h.rem_euclid(2) as usize);
     let numbered = across.par_iter().with_min_len(BRANCH).zip(deviation_mm);
-    let halves: Vec<[i32; 2]> = numbered.map(|(p, _)| p.place_mm.map(half)).collect();
+    let halves: Vec<[i64; 2]> = numbered.map(|(p, _)| p.place_mm.map(half)).collect();
     let (order, variance) = rayon::join(|| ordered(&halves, key), || variances(across));
     let groups = order.chunk_by(|a, b| key(&halves[*a as usize]) == key(&halves[*b as usize]));
     let groups: Vec<&[u32]> = groups.collect();
     groups
         .into_par_iter()
         .map(|group| {
+            let members = || group.iter().map(|i| *i as usize);
             let count = group.len() as f64;
-            let (mut sum, mut places, mut variances) = (0.0, Vector2::zeros(), 0.0);
+            let sum: f64 = members().map(|i| deviation_mm[i]).sum();
+            let places: Vector2<f64> = members().map(|i| Vector2::from(across[i].place_mm)).sum();
             let mut quarters = [0; 4];
-            // All of a point at once: the points of a square lie all over the memory.
-            for i in group.iter().map(|i| *i as usize) {
-                sum += deviation_mm[i];
-                places += Vector2::from(across[i].place_mm);
-                variances += variance(&across[i]);
-                quarters[quarter(&halves[i])] += 1;
-            }
+            members().for_each(|i| quarters[quarter(&halves[i])] += 1);
+            let fewest = quarters.into_iter().min().unwrap_or(0);
             Cell {
                 key: key(&halves[group[0] as usize]),
                 points: group.len(),
-                fewest: quarters.into_iter().min().unwrap_or(0),
+                fewest,
                 across_mm: places / count,
                 mean_mm: sum / count,
-                independent: variances / (count * count),
+                independent: members().map(|i| variance(&across[i])).sum::<f64>() / (count * count),
             }
         })
         .collect()
@@ -207,22 +203,22 @@ fn variances(across: &[Across]) -> impl Fn(&Across) -> f64 {
 
 /// Points in the order of their squares, those of a square in their own order: counted where the squares are few, sorted
 /// otherwise.
-fn ordered(halves: &[[i32; 2]], key: impl Fn(&[i32; 2]) -> [i32; 2]) -> Vec<u32> {
-    let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
+fn ordered(halves: &[[i64; 2]], key: impl Fn(&[i64; 2]) -> [i64; 2]) -> Vec<u32> {
+    let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
     for key in halves.iter().map(&key) {
         for axis in 0..2 {
             (low[axis], high[axis]) = (low[axis].min(key[axis]), high[axis].max(key[axis]));
         }
     }
     let [rows, columns] =
-        [0, 1].map(|axis| (i64::from(high[axis]) - i64::from(low[axis]) + 1).max(0) as usize);
+        [0, 1].map(|axis| high[axis].saturating_sub(low[axis]).saturating_add(1).max(0) as usize);
     let squares = rows.saturating_mul(columns);
     if squares > 1024 + 4 * halves.len() {
         let mut order: Vec<u32> = (0..halves.len() as u32).collect();
         order.sort_unstable_by_key(|i| (key(&halves[*i as usize]), *i));
         return order;
     }
-    let square = |halves: &[i32; 2]| {
+    let square = |halves: &[i64; 2]| {
         let key = key(halves);
         ((key[0] - low[0]) as usize * columns + (key[1] - low[1]) as usize) as u32
     };
@@ -243,7 +239,7 @@ fn extreme(cells: &[Cell], sign: f64) -> Option<Cell> {
 
 /// Variance of a mean over that of independent points, and the number of blocks it rests on.
 fn noise_factor(cells: &[Cell]) -> (f64, usize) {
-    let find = |key: [i32; 2]| cells.binary_search_by_key(&key, |c| c.key).ok().map(|i| &cells[i]);
+    let find = |key: [i64; 2]| cells.binary_search_by_key(&key, |c| c.key).ok().map(|i| &cells[i]);
     let (mut squares, mut weights, mut blocks) = (0.0, 0.0, 0);
     for corner in cells {
         let [i, j] = corner.key;
