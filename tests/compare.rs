@@ -166,6 +166,10 @@ fn a_tolerance_counts_what_is_cut_and_gives_the_exit_code() {
     };
     assert_eq!(judged(&flat, &["--tolerance", "0.02"]).0, Some(0));
     assert_eq!(judged(&flat, &["--tolerance=-0.02,0.005"]).0, Some(1));
+    // Without uncertainties there is no guard band, and no decision by the standard.
+    let bare = fringetool(&["compare", &flat, &plate, "--tolerance", "0.02"]).expect_success();
+    assert!(bare.stdout.contains("simple acceptance, not by ISO 14253-1"), "{}", bare.stdout);
+    assert!(bare.stderr.contains("warning: ") && bare.stderr.contains("no guard band"), "{}", bare.stderr);
     let (code, stdout) = judged(&cloud, &["--tolerance", "0.02"]);
     assert!(code == Some(1) && stdout.contains("FAIL"), "{stdout}");
     let found = &folder.json("a.json")["conformity"];
@@ -315,12 +319,14 @@ fn what_cannot_be_meant_is_told_and_leaves_nothing() {
 
 fn refusals_of_arguments(folder: &Folder, reference: &str) {
     let mirror = folder.write("mirror.txt", "-1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+    let nan = folder.write("nan.txt", "1 nan 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
     let short = folder.write("short.json", "{ \"matrix\": [[1, 0, 0, 0]] }");
     let cloud = folder.write("cloud.ply", ply(&face(0.5, lifted(0.1))));
     let out = folder.path("out.ply");
     for (arguments, words) in [
         (vec!["--start", &mirror], vec!["mirror.txt", "is a reflection"]),
         (vec!["--start", &short], vec!["short.json", "16"]),
+        (vec!["--start", &nan], vec!["nan.txt: matrix: entry NaN in row 1, column 2 is not finite"]),
         (vec!["--start", "nowhere.json"], vec!["nowhere.json"]),
         (vec!["--overlap", "7"], vec!["--overlap", "7"]),
     ] {
@@ -340,6 +346,26 @@ fn refusals_of_arguments(folder: &Folder, reference: &str) {
         assert_eq!(ran.code, Some(2), "{}", ran.stderr);
         assert!(words.iter().all(|word| ran.stderr.contains(word)), "{words:?}: {}", ran.stderr);
     }
+}
+
+/// One point far outside would make the cubes of a grid larger than asked for.
+#[test]
+fn a_grid_too_fine_for_the_cloud_is_refused() {
+    let folder = Folder::new();
+    let mut points = face(0.5, lifted(0.0));
+    points.push([3e6, 0.0, 0.0]);
+    let far = folder.write("far.ply", ply(&points));
+    points.push([3e7, 0.0, 0.0]);
+    let beyond = folder.write("beyond.ply", ply(&points));
+    let out = folder.path("out.ply");
+    for (cloud, edge, words) in [
+        (&far, "1", ["--decimate 1: ", "far.ply extends over 30", "the smallest edge for it is 1.44"]),
+        (&beyond, "100", ["beyond.ply: point", "not within", "±1e7"]),
+    ] {
+        let ran = fringetool(&["convert", cloud, "--decimate", edge, "--out", &out]);
+        refused("convert", &ran, &words);
+    }
+    fringetool(&["convert", &far, "--decimate", "1.45", "--out", &out]).expect_success();
 }
 
 /// Exit code 2 and one line that holds the words.

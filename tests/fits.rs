@@ -268,7 +268,7 @@ fn the_thesis_table_comes_out_of_its_own_values() {
         ("name,value,unit,u\nnothing,1,mm,1\n", "no line names a measured feature"),
         ("name,value,unit,u\nsphere1_diameter,22,deg,1\n", "write both in one unit"),
         ("name,value,unit,u\nsphere1_diameter,22,mm,-1\n", "u: value -1"),
-        ("\u{feff}", "a table is missing"),
+        ("\u{feff}", "has no header row"),
     ] {
         let table = workspace.file("bad.csv", csv);
         refused(&fringetool(&["cmm-compare", &result, &table]), &["bad.csv", words]);

@@ -65,5 +65,9 @@ fn a_plane_on_a_plane_is_reported_as_undetermined() {
         ["register", &cloud, "--to", &plate, "--out", &out, "--start", "as-it-lies", "--json", &json];
     let ran = fringetool(&arguments).expect_success();
     assert!(ran.stdout.contains("UNDETERMINED"), "{}", ran.stdout);
-    assert_eq!(folder.json("out.json")["undetermined"].as_array().unwrap().len(), 3);
+    let result = folder.json("out.json");
+    assert_eq!(result["undetermined"].as_array().unwrap().len(), 3);
+    assert!(ran.stdout.contains("u of the centre (undetermined, undetermined, "), "{}", ran.stdout);
+    assert!(result["u_translation_mm"][0].is_null() && result["covariance"][2][2].is_null(), "{result}");
+    assert!(result["u_translation_mm"][2].is_number(), "{result}");
 }

@@ -116,6 +116,11 @@ fn neighbours_and_code_tell_the_same_orders() {
 
     refused(&fringetool(&["unwrap", &rec, "--method", "itoh", "--smooth"]), &["--smooth", "itoh"]);
     refused(&fringetool(&["unwrap", &wrapped, "--anchor", "code"]), &["--anchor code", "no code"]);
+    std::fs::write(cell.path("nothing.npy"), npy(8, 8, |_, _| f32::NAN)).unwrap();
+    std::fs::write(cell.path("some.npy"), npy(8, 8, |x, _| 0.1 * x as f32)).unwrap();
+    let (nothing, some) = (cell.path("nothing.npy"), cell.path("some.npy"));
+    refused(&fringetool(&["unwrap", &nothing]), &["nothing.npy: has no valid pixel", "right file?"]);
+    refused(&fringetool(&["unwrap", &some, "--anchor", &nothing]), &["--anchor", "no finite value", "some"]);
     refused(
         &fringetool(&["unwrap", &wrapped, "--method", "quality", "--quality", "modulation"]),
         &["modulation"],

@@ -98,7 +98,9 @@ fn an_index_is_proven_or_the_exit_code_is_one() {
     // The same process: five parts prove less than two hundred.
     assert_eq!((code("many.csv", "3"), code("few.csv", "3")), (Some(0), Some(1)));
     for (arguments, expected) in [
-        (vec!["--confidence", "1"], "between 0.5 and 1"),
+        (vec!["--confidence", "1"], "within 0.5 … 0.999999"),
+        (vec!["--confidence", "0.9999999999999999"], "within 0.5 … 0.999999"),
+        (vec!["--reference", "nan"], "--reference NaN: give a finite number"),
         (vec!["--least-ppk", "nan"], "a number greater than 0"),
         (vec!["--feature", "width"], "no part has it (known: value)"),
         (vec!["--tolerance", "1"], "belongs to --reference or --gauge"),
@@ -110,14 +112,17 @@ fn an_index_is_proven_or_the_exit_code_is_one() {
         assert!(refused.stderr.contains(expected), "{arguments:?}: {}", refused.stderr);
     }
     for (text, expected) in [
-        ("", "a table is missing"),
+        ("", "bad.csv: has no header row; begin with"),
         ("value\n", "the table has no rows"),
-        ("value,price\n1,2\n", "bad.csv: column \"price\" (known: feature, part"),
+        (
+            "value,price\n1,2\n",
+            "bad.csv: the column \"price\" is not known here; rename it or leave it out (known: feature, part",
+        ),
         ("part\n1\n", "the column \"value\" is missing"),
         ("value,u\n1\n", "bad.csv:2: "),
         ("value\n1\nmany\n", "bad.csv:3: value: value \"many\" is not allowed: a finite number"),
         ("value\nnan\n", "bad.csv:2: value: value \"nan\" is not allowed"),
-        ("value,value\n1,2\n", "value: value twice is not allowed: each column occurs once"),
+        ("value,value\n1,2\n", "bad.csv: the column \"value\" occurs twice; rename one or leave it out"),
     ] {
         fs::write(path("bad.csv"), text).unwrap();
         let refused = fringetool(&["spc", &path("bad.csv")]);

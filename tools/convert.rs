@@ -3,10 +3,10 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::surface::{length, read_cloud_in_mm};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use files::ply::Cloud;
 use fringe::cloud::Point;
-use metrology::spatial::thinned_cloud;
+use metrology::spatial::{extent_and_least_edge_mm, thinned_cloud};
 use metrology::surface_net::{NetCheck, Opening, SurfaceNet};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -153,10 +153,24 @@ fn kept(args: &Args, mut points: Vec<Point>) -> Result<Vec<Point>> {
             bail!("--pair {pair}: {} has no such points; pairs are 1 … {most}", args.cloud.display());
         }
     }
-    Ok(match args.decimate {
-        Some(edge_mm) => thinned_cloud(&points, edge_mm),
-        None => points,
-    })
+    match args.decimate {
+        Some(edge_mm) => decimated(args, &points, edge_mm),
+        None => Ok(points),
+    }
+}
+
+/// One point in each cube; refuses an edge too small for the grid, which would coarsen it without a word.
+fn decimated(args: &Args, points: &[Point], edge_mm: f64) -> Result<Vec<Point>> {
+    metrology::reference::check(points, 1).with_context(|| args.cloud.display().to_string())?;
+    let (extent_mm, least_mm) = extent_and_least_edge_mm(points);
+    ensure!(
+        edge_mm >= least_mm,
+        "--decimate {edge_mm}: {} extends over {extent_mm:.3} mm, the smallest edge for it is {:.2e} mm; give a larger edge, or \
+         remove a point that lies far outside",
+        args.cloud.display(),
+        1.01 * least_mm
+    );
+    Ok(thinned_cloud(points, edge_mm))
 }
 
 fn write_mesh(args: &Args, format: Format, points: &[Point]) -> Result<Mesh> {

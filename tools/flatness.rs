@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use fringe::math::statistics::median;
 use metrology::fit::{self, FitSettings, Form};
 use metrology::inspection::{Across, FlatnessFilter, filtered_flatness};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use report::{FlatnessInput, FlatnessRepeat, write_flatness};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -102,9 +102,15 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
         1 => (0, 2, ["x", "z"]),
         _ => (0, 1, ["x", "y"]),
     };
+    // The squares of the filter lie in the plane, along the axis that the map shows first: a surface keeps its flatness when it is tilted.
+    let normal = plane.normal_vector();
+    let mut along = Vector3::zeros();
+    along[first] = 1.0;
+    let along = (along - normal * normal[first]).normalize();
+    let in_plane = |p: &Point3<f64>| [p.coords.dot(&along), p.coords.dot(&normal.cross(&along))];
     let places = held.iter().zip(&points);
     let across: Vec<Across> =
-        places.map(|(held, p)| Across { place_mm: [p[first], p[second]], sigma_mm: held.sigma_mm }).collect();
+        places.map(|(held, p)| Across { place_mm: in_plane(p), sigma_mm: held.sigma_mm }).collect();
     let deviations_mm = plane.residuals.deviation_mm;
     let filtered = filtered_flatness(&across, &deviations_mm, args.filter).context("--filter-mm")?;
     let mut stated: Vec<f32> = held.iter().map(|p| p.sigma_mm).filter(|s| *s > 0.0).collect();
@@ -123,7 +129,7 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
         repeat.form.form_range_mm * 1e3,
         repeat.form.form_sigma_mm * 1e3
     );
-    let across_mm = across.iter().map(|point| point.place_mm).collect();
+    let across_mm = points.iter().map(|p| [p[first], p[second]]).collect();
     Ok((repeat, FlatnessRepeat { name, across_mm, deviations_mm, caption }, axes))
 }
 

@@ -6,7 +6,7 @@ macro_rules! println {
         println!("")
     };
     ($($text:tt)*) => {{
-        let _ = cli::text(format_args!("{}\n", format_args!($($text)*)));
+        let _ = cli::text(format_args!("{}\n", cli::output::printable(&format!($($text)*))));
     }};
 }
 
@@ -20,7 +20,7 @@ macro_rules! print {
 /// Prints a note: see [`cli::output`].
 macro_rules! eprintln {
     ($($text:tt)*) => {
-        cli::note(format_args!("{}\n", format_args!($($text)*)))
+        cli::note(format_args!("{}\n", cli::output::printable(&format!($($text)*))))
     };
 }
 

@@ -188,15 +188,20 @@ pub fn summary(r: &Registration) {
     if r.at_edges > 0 {
         println!("  {} points near edges of the mesh stayed out: they see both faces", r.at_edges);
     }
-    let [a, b, c] = r.u_translation_mm;
-    let [p, q, s] = r.u_rotation_rad.map(|u| u * 1e6);
+    let centre = r.u_translation_mm.map(|u| determined(u, format!("{u:.1e}"))).join(", ");
+    let rotation = r.u_rotation_rad.map(|u| determined(u, format!("{:.1}", u * 1e6))).join(", ");
     println!(
-        "  u of the centre ({a:.1e}, {b:.1e}, {c:.1e}) mm, of the rotation ({p:.1}, {q:.1}, {s:.1}) µrad, condition {:.1}",
+        "  u of the centre ({centre}) mm, of the rotation ({rotation}) µrad, condition {:.1}",
         r.condition
     );
     for line in doubts(r) {
         println!("  {line}");
     }
+}
+
+/// An uncertainty as text; a word where the surfaces do not determine the coordinate.
+pub fn determined(u: f64, text: String) -> String {
+    if u.is_finite() { text } else { "undetermined".to_owned() }
 }
 
 /// The outcome in one word.

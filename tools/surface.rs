@@ -175,8 +175,15 @@ fn read_transform(path: &Path) -> Result<Pose> {
 }
 
 fn pose_of(numbers: &[f64]) -> Result<Pose> {
-    if numbers.len() != 16 || numbers.iter().any(|v| !v.is_finite()) {
-        bail!("matrix: {} finite numbers found, 16 are needed: four rows of four", numbers.len());
+    if numbers.len() != 16 {
+        bail!("matrix: {} numbers found, 16 are needed; give four rows of four", numbers.len());
+    }
+    if let Some((index, value)) = numbers.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+        bail!(
+            "matrix: entry {value} in row {}, column {} is not finite; give a finite number",
+            index / 4 + 1,
+            index % 4 + 1
+        );
     }
     let at = |row: usize, column: usize| numbers[4 * row + column];
     let rotation = Matrix3::from_fn(at);

@@ -1,7 +1,7 @@
 //! What `compare` prints and writes.
 
 use super::{Align, Alignment, Args, Method};
-use crate::register::{doubts, word};
+use crate::register::{determined, doubts, word};
 use crate::report::emit;
 use crate::software::FRINGETOOL;
 use anyhow::Result;
@@ -111,6 +111,7 @@ pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment:
         write_comparison(path, &input)?;
     }
     emit(args.json.as_deref(), &result)?;
+    warn(args, compared);
     print(compared);
     Ok(())
 }
@@ -160,24 +161,50 @@ fn result<'a>(
 
 /// The tables of the report; the verdict comes first.
 fn tables(compared: &Compared, alignment: &Alignment) -> Vec<(String, Vec<[String; 3]>)> {
-    let tolerance = compared.conformity.iter().map(|c| ("Tolerance".to_owned(), conformity_rows(c)));
+    let tolerance = tolerance_rows(compared).map(|rows| ("Tolerance".to_owned(), rows));
     let others = [("Deviations".into(), rows(compared)), ("Alignment".into(), alignment_rows(alignment))];
-    tolerance.chain(others).collect()
+    tolerance.into_iter().chain(others).collect()
 }
 
 fn print(compared: &Compared) {
-    let conformity = compared.conformity.as_ref().map(conformity_rows).unwrap_or_default();
+    let conformity = tolerance_rows(compared).unwrap_or_default();
     for [label, value, meaning] in rows(compared).into_iter().chain(conformity) {
         println!("{label:24} {value:>14}  {meaning}");
     }
 }
 
-fn conformity_rows(c: &Conformity) -> Vec<[String; 3]> {
+/// Says that a verdict has no guard band.
+fn warn(args: &Args, compared: &Compared) {
+    if compared.conformity.is_some() && !has_uncertainties(&compared.points) {
+        eprintln!(
+            "warning: {}: has no uncertainties, so the verdict has no guard band; E57 and STL-derived clouds have none; use the PLY \
+             of reconstruct",
+            args.cloud.display()
+        );
+    }
+}
+
+/// Whether any point has an uncertainty.
+fn has_uncertainties(points: &[Point]) -> bool {
+    points.iter().any(|p| p.sigma_mm != 0.0)
+}
+
+/// The rows of the tolerance, where there is one.
+fn tolerance_rows(compared: &Compared) -> Option<Vec<[String; 3]>> {
+    compared.conformity.as_ref().map(|c| conformity_rows(c, has_uncertainties(&compared.points)))
+}
+
+fn conformity_rows(c: &Conformity, has_uncertainties: bool) -> Vec<[String; 3]> {
     let row = |label: &str, value: String, meaning: &str| [label.to_owned(), value, meaning.to_owned()];
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
     let limits = format!("{} … {}", c.tolerance.lower_mm, c.tolerance.upper_mm);
+    let rule = if has_uncertainties {
+        "by ISO 14253-1"
+    } else {
+        "without uncertainties of the points: simple acceptance, not by ISO 14253-1"
+    };
     vec![
-        row("Verdict", c.verdict.word().to_owned(), "by ISO 14253-1"),
+        row("Verdict", c.verdict.word().to_owned(), rule),
         row("Tolerance", limits, "mm"),
         row("Allowed outside", percent(c.tolerance.allowed_share), "of the points that are judged"),
         row("Outside", percent(c.outside_share), "below, above, or farther away than is compared"),
@@ -287,7 +314,7 @@ fn alignment_rows(alignment: &Alignment) -> Vec<[String; 3]> {
                 row("Overlap", format!("{:.1}", 100.0 * found.overlap), "% of the cloud's points"),
                 row(
                     "Uncertainty of the place",
-                    vector(found.u_translation_mm),
+                    found.u_translation_mm.map(|u| determined(u, format!("{u:.5}"))).join("  "),
                     "mm, k = 1, correlation of neighbours included",
                 ),
             ];

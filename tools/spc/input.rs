@@ -180,10 +180,16 @@ fn table(path: &Path) -> Result<Vec<Value>> {
     let table = CsvTable::read(path)?;
     let place = path.display();
     if let Some(strange) = table.names.iter().find(|name| !COLUMNS.contains(&name.as_str())) {
-        bail!("{place}: column \"{strange}\" (known: {})", COLUMNS.join(", "));
+        bail!(
+            "{place}: the column \"{strange}\" is not known here; rename it or leave it out (known: {})",
+            COLUMNS.join(", ")
+        );
     }
-    ensure!(table.column("value").is_some(), "{place}: the column \"value\" is missing");
-    ensure!(!table.rows.is_empty(), "{place}: the table has no rows");
+    ensure!(
+        table.column("value").is_some(),
+        "{place}: the column \"value\" is missing; name it in the header row, or begin with a header"
+    );
+    ensure!(!table.rows.is_empty(), "{place}: the table has no rows; write one for each value");
     let value = |(index, row): (usize, &CsvRow)| {
         let text = |column: &str| table.text(row, column).map(str::to_owned);
         let number = |column: &str| table.number(row, column);

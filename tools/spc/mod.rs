@@ -104,17 +104,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Values of options that no range holds.
 fn check(args: &Args) -> Result<()> {
     ensure!(
-        args.confidence > 0.5 && args.confidence < 1.0,
-        "--confidence {}: between 0.5 and 1, such as 0.95",
+        (0.5..=0.999_999).contains(&args.confidence),
+        "--confidence {}: must lie within 0.5 … 0.999999, such as 0.95",
         args.confidence
     );
     for (name, value) in [("--least-ppk", args.least_ppk), ("--tolerance", args.tolerance)] {
         if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
-            bail!("{name} {value}: a number greater than 0");
+            bail!("{name} {value}: give a number greater than 0");
         }
     }
     if let Some(value) = args.reference.filter(|value| !value.is_finite()) {
-        bail!("--reference {value}: a number");
+        bail!("--reference {value}: give a finite number");
     }
     Ok(())
 }

@@ -118,6 +118,30 @@ pub fn anchor(path: &Path) -> Result<Raster> {
     Ok(npy::read(path)?)
 }
 
+/// Refuses a map with nothing to unwrap.
+pub fn has_phase(item: &Item) -> Result<()> {
+    if item.map.valid.contains(&1) {
+        return Ok(());
+    }
+    let remedy = if item.measured {
+        "are there fringes on the object? leave the view out with --projector and --camera"
+    } else {
+        "all its values are NaN or infinite; is this the right file?"
+    };
+    bail!("{}: has no valid pixel, so there is nothing to unwrap; {remedy}", item.place)
+}
+
+/// Refuses an anchor that knows no pixel of a phase.
+pub fn reaches(absolute_rad: &[f32], item: &Item, anchor: &str) -> Result<()> {
+    if absolute_rad.iter().zip(&item.map.valid).any(|(phase, valid)| *valid == 1 && phase.is_finite()) {
+        return Ok(());
+    }
+    bail!(
+        "--anchor {anchor}: has no finite value at a valid pixel of {}; give another anchor, or none",
+        item.place
+    )
+}
+
 /// The values of an anchor that is as large as the phase.
 pub fn fitting<'a>(anchor: &'a Raster, item: &Item, path: &Path) -> Result<&'a [f32]> {
     let info = &item.map.info;

@@ -71,6 +71,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             args.anchor == "code",
         )?
     };
+    items.iter().try_for_each(input::has_phase)?;
     let anchor = anchor_file.map(input::anchor).transpose()?;
     let mut lines = Vec::new();
     for item in &items {
@@ -78,6 +79,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Some(raster) => Some(input::fitting(raster, item, Path::new(&args.anchor))?),
             None => item.coded.as_ref().map(|map| map.phase_rad.as_slice()),
         };
+        if let Some(absolute_rad) = absolute_rad {
+            input::reaches(absolute_rad, item, &args.anchor)?;
+        }
         let anchor = absolute_rad.map(|absolute_rad| Anchor { absolute_rad });
         let done = unwrap(&item.wrapped(), anchor.as_ref(), &settings).with_context(|| item.place.clone())?;
         lines.push(Line::new(item, &done));

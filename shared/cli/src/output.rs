@@ -101,7 +101,20 @@ pub fn note(text: Arguments) {
 /// Prints an error, if standard error is there.
 pub fn error(error: impl Display) {
     let prefix = if has_color() { "\x1b[1;31merror:\x1b[0m" } else { "error:" };
-    let _ = writeln!(Stderr, "{prefix} {error}");
+    let _ = writeln!(Stderr, "{prefix} {}", printable(&error.to_string()));
+}
+
+/// A text with control characters, as the name of a file may hold, in the notation of Rust; ends of lines and tabs stay.
+pub fn printable(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() && !['\n', '\t'].contains(&c) {
+            shown.extend(c.escape_unicode());
+        } else {
+            shown.push(c);
+        }
+    }
+    shown
 }
 
 /// Prints a result as JSON to standard output.
@@ -189,6 +202,11 @@ impl Write for Stderr {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn control_characters_do_not_reach_the_terminal() {
+        assert_eq!(printable("a\x1b[31m\u{9b}ä.ply:\n\tb\r"), "a\\u{1b}[31m\\u{9b}ä.ply:\n\tb\\u{d}");
+    }
 
     #[test]
     fn lost_output_is_exit_code_2_whatever_the_command_says() {

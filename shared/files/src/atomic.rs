@@ -11,6 +11,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Distinguishes the temporary files of one process; the process id distinguishes processes.
 static COUNTER: AtomicU64 = AtomicU64::new(0);
 
+/// Most symbolic links that follow each other, as in Linux.
+const MOST_LINKS: usize = 40;
+
 /// Writes a file in one step: a temporary one beside it, flushed to the disk, then renamed over it. Inputs and files of
 /// another kind are not replaced ([`guard`]).
 ///
@@ -36,9 +39,7 @@ pub fn write_with(
         };
         return written().map_err(|source| FileError::io(path, "write it", source));
     }
-    // A symbolic link stays; what it points to is replaced.
-    let linked = if path.is_symlink() { path.canonicalize().ok() } else { None };
-    let target = linked.unwrap_or_else(|| path.to_owned());
+    let target = behind_links(path)?;
     guard::may_write(&target, "")?;
     let temporary = Temporary(beside(&target)?);
     let failed = |source| FileError::io(path, "write it", source);
@@ -50,6 +51,21 @@ pub fn write_with(
     written().map_err(failed)?;
     guard::may_replace(&target, &temporary.0)?;
     fs::rename(&temporary.0, &target).map_err(failed)
+}
+
+/// Where symbolic links lead, one at a time: they stay, and the last one's target is written, also where it is not there yet.
+fn behind_links(path: &Path) -> Result<PathBuf, FileError> {
+    let mut target = path.to_owned();
+    for _ in 0..=MOST_LINKS {
+        if !target.is_symlink() {
+            return Ok(target);
+        }
+        let next = fs::read_link(&target).map_err(|source| FileError::io(path, "follow the link", source))?;
+        // An absolute target replaces the folder.
+        target = target.parent().unwrap_or(Path::new("")).join(next);
+    }
+    let problem = Problem::Unsupported(format!("leads through more than {MOST_LINKS} symbolic links"));
+    Err(FileError::new(path, problem, "name the file itself"))
 }
 
 /// Whether the path is a device or an unnamed pipe, such as `/dev/stdout`: written to, never replaced.
@@ -134,6 +150,27 @@ mod tests {
         write(&link, b"list\nnew").unwrap();
         assert!(link.is_symlink());
         assert_eq!(fs::read(&place).unwrap(), b"list\nnew");
+    }
+
+    #[test]
+    fn links_to_what_is_not_there_yet_stay_links() {
+        use std::os::unix::fs::symlink;
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::create_dir(at("sub")).unwrap();
+        symlink("sub/second", at("first")).unwrap();
+        symlink("../place", at("sub/second")).unwrap();
+        write(&at("first"), b"x").unwrap();
+        assert!(at("first").is_symlink() && at("sub/second").is_symlink());
+        assert_eq!(fs::read(at("place")).unwrap(), b"x");
+        symlink("no/place", at("lost")).unwrap();
+        let error = write(&at("lost"), b"x").unwrap_err().to_string();
+        assert!(error.contains("lost: cannot write it; check the path"), "{error}");
+        symlink("b", at("a")).unwrap();
+        symlink("a", at("b")).unwrap();
+        let error = write(&at("a"), b"x").unwrap_err().to_string();
+        assert!(error.contains("more than 40 symbolic links"), "{error}");
+        assert!(at("lost").is_symlink() && at("a").is_symlink());
     }
 
     #[test]

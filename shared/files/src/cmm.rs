@@ -59,9 +59,8 @@ fn uncertainty_column(path: &Path, table: &CsvTable) -> Result<&'static str, Fil
         (true, false) => "u",
         (false, true) => "U",
         (true, true) => {
-            let limit = "either u (standard) or U (k = 2)".into();
-            let problem = Problem::Value { value: "both columns u and U".into(), limit };
-            return Err(FileError::new(path, problem, "leave one out"));
+            let problem = Problem::Unsupported("has both columns u (standard) and U (k = 2)".into());
+            return Err(FileError::new(path, problem, "leave one of them out"));
         }
         (false, false) => return missing("\"u\" (standard uncertainty) or \"U\" (k = 2)"),
     };
@@ -141,10 +140,10 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         for (text, words) in [
-            ("", "a table is missing"),
+            ("", "has no header row"),
             ("name,value,unit\n", "the column \"u\""),
             ("name,value,u\n", "the column \"unit\""),
-            ("name,value,unit,u,U\n", "both columns"),
+            ("name,value,unit,u,U\n", "has both columns u (standard) and U (k = 2); leave one of them out"),
             ("name,value,unit,U\n", "a line with a value"),
             ("name,value,unit,U\na,x,mm,1\n", ":2: value: value \"x\""),
             ("name,value,unit,U\na,nan,mm,1\n", "a finite number"),

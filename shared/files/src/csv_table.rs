@@ -36,7 +36,8 @@ impl CsvTable {
         let text = text.trim_start_matches('\u{feff}');
         let header = text.lines().find(|line| !line.starts_with('#') && !line.trim().is_empty());
         let Some(header) = header else {
-            return Err(FileError::new(path, Problem::Missing("a table".into()), "begin with a header row"));
+            let problem = Problem::Unsupported("has no header row".into());
+            return Err(FileError::new(path, problem, "begin with the names of the columns"));
         };
         let semicolons = header.contains(';');
         let mut reader = ReaderBuilder::new()
@@ -47,8 +48,8 @@ impl CsvTable {
         let names: Vec<String> =
             reader.headers().map_err(|error| malformed(path, &error))?.iter().map(str::to_owned).collect();
         if let Some(twice) = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name)) {
-            let problem = Problem::Value { value: "twice".into(), limit: "each column occurs once".into() };
-            return Err(FileError::new(path, problem, "leave one out").at(twice.1));
+            let problem = Problem::Duplicate { kind: "the column", name: twice.1.clone() };
+            return Err(FileError::new(path, problem, "rename one or leave it out"));
         }
         let row = |record: Result<StringRecord, csv::Error>| {
             let cells = record.map_err(|error| malformed(path, &error))?;
@@ -122,8 +123,8 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         for (text, words) in [
-            ("", "a table is missing"),
-            ("a,a\n", "a: value twice is not allowed: each column occurs once"),
+            ("", "table.csv: has no header row; begin with the names of the columns"),
+            ("a,a\n", "table.csv: the column \"a\" occurs twice; rename one or leave it out"),
             ("a,b\n1\n", "table.csv:2: "),
         ] {
             let error = read(text).unwrap_err();

@@ -114,7 +114,7 @@ fn decoder<R: BufRead + Seek + 'static>(
         return Err(FileError::new(path, problem, "record or copy it again"));
     }
     let reader = ImageReader::new(source);
-    let reader = reader.with_guessed_format().map_err(|source| FileError::io(path, "read it", source))?;
+    let mut reader = reader.with_guessed_format().map_err(|source| FileError::io(path, "read it", source))?;
     match reader.format() {
         Some(format) if formats.contains(&format) => {}
         other => {
@@ -122,6 +122,11 @@ fn decoder<R: BufRead + Seek + 'static>(
             let problem = Problem::Unsupported(format!("is {found}, expected PNG or TIFF"));
             return Err(FileError::new(path, problem, "convert it to greyscale PNG"));
         }
+    }
+    if reader.format() == Some(ImageFormat::Tiff) {
+        let mut source = reader.into_inner();
+        float_tiff::refuse_pages(path, &mut source)?;
+        reader = ImageReader::with_format(source, ImageFormat::Tiff);
     }
     let mut decoder = reader.into_decoder().map_err(|error| damaged(path, error))?;
     let mut limits = Limits::default();

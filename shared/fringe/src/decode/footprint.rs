@@ -28,7 +28,7 @@
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
-use super::survey::{Expected, Survey};
+use super::survey::{Bias, Survey};
 use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::{loaded, put, vectorised};
@@ -45,7 +45,7 @@ const LEAST_IN_GROUP: u32 = 20;
 /// A variance below this, px², moves no phase that could be measured.
 const LEAST_PX2: f64 = 0.005;
 /// Beyond this the expansion to second order does not hold and the image is out of focus.
-const MOST_PX2: f64 = 0.6;
+const MOST_PX2: f64 = 1.0;
 
 /// Values of the widest vectors.
 const WIDEST: usize = 16;
@@ -57,8 +57,10 @@ const PLACES: [f32; WIDEST] =
 #[derive(Debug)]
 pub struct Footprint {
     width: usize,
-    /// The bias over s², rad/px²; NaN where the neighbourhood is not smooth.
+    /// The bias over s² for a small s², rad/px²; NaN where the neighbourhood is not smooth.
     bias: Vec<f32>,
+    /// What is added to it with another s², rad/px⁴; says nothing where it is NaN.
+    pub(super) fourth: Vec<f32>,
     jobs: Vec<Bins>,
 }
 
@@ -104,7 +106,7 @@ impl Footprint {
     pub fn new(width: usize, pixels: usize) -> Self {
         let jobs = (pixels / width.max(1)).div_ceil(ROWS);
         let empty = [[Sums::default(); GROUPS]; BINS];
-        Self { width, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
+        Self { width, bias: vec![f32::NAN; pixels], fourth: vec![0.0; pixels], jobs: vec![empty; jobs] }
     }
 
     /// Memory for a number of each pixel, until the next survey.
@@ -119,16 +121,17 @@ impl Footprint {
         &mut self,
         map: &PhaseViewMut,
         reflectance: Option<Reflectance>,
-        expected: Expected,
+        shape: [f32; 2],
         level: Level,
     ) -> Option<Line> {
         let width = self.width;
-        let survey = Survey { map, reflectance: reflectance.as_ref(), expected, width };
-        let parts = self.bias.par_chunks_mut(ROWS * width).zip(&mut self.jobs).enumerate();
-        parts.for_each(|(chunk, (bias, bins))| {
+        let survey = Survey { map, reflectance: reflectance.as_ref(), shape, width };
+        let parts = self.bias.par_chunks_mut(ROWS * width).zip(self.fourth.par_chunks_mut(ROWS * width));
+        parts.zip(&mut self.jobs).enumerate().for_each(|(chunk, ((second, fourth), bins))| {
             *bins = [[Sums::default(); GROUPS]; BINS];
-            bias.fill(f32::NAN);
-            vectorised!(level, |simd| survey.rows(simd, chunk * ROWS, bias, bins));
+            second.fill(f32::NAN);
+            let mut bias = Bias { second, fourth };
+            vectorised!(level, |simd| survey.rows(simd, chunk * ROWS, &mut bias, bins));
         });
         reflectance.and_then(|_| self.contrast())
     }
@@ -166,9 +169,11 @@ impl Footprint {
         let rows = CHUNK.div_ceil(width);
         let part = rows * width;
         let planes = map.phase_rad.par_chunks_mut(part).zip(map.sigma_rad.par_chunks_mut(part));
-        planes.zip(self.bias.par_chunks(part)).enumerate().for_each(|(number, ((phase, sigma), bias))| {
-            let lines = phase.chunks_mut(width).zip(sigma.chunks_mut(width)).zip(bias.chunks(width));
-            for (row, ((phase, sigma), bias)) in lines.enumerate() {
+        let bias = self.bias.par_chunks(part).zip(self.fourth.par_chunks(part));
+        planes.zip(bias).enumerate().for_each(|(number, ((phase, sigma), (second, fourth)))| {
+            let lines = phase.chunks_mut(width).zip(sigma.chunks_mut(width));
+            let bias = second.chunks(width).zip(fourth.chunks(width));
+            for (row, ((phase, sigma), bias)) in lines.zip(bias).enumerate() {
                 let at_row = over.row(number * rows + row);
                 vectorised!(level, |simd| unbias(simd, (phase, sigma), bias, (&over, at_row), growth));
             }
@@ -208,42 +213,45 @@ impl Field {
 fn unbias<S: Simd>(
     simd: S,
     (phase_rad, sigma_rad): (&mut [f32], &mut [f32]),
-    bias: &[f32],
+    bias: (&[f32], &[f32]),
     (over, at_row): (&Field, f32),
     growth: f32,
 ) {
     let count = phase_rad.len();
     let whole = count - count % S::f32s::LEN;
     for first in (0..whole).step_by(S::f32s::LEN) {
-        unbias_vector(simd, (phase_rad, sigma_rad, bias), first, first, (over, at_row), growth);
+        unbias_vector(simd, (phase_rad, sigma_rad), bias, [first; 2], (over, at_row), growth);
     }
     // What is left of a row, in a vector whose other places are not known to be smooth.
     let rest = whole..count;
-    let (mut phase, mut sigma, mut left) = ([0.0; WIDEST], [0.0; WIDEST], [f32::NAN; WIDEST]);
+    let (mut phase, mut sigma, mut fourth) = ([0.0; WIDEST], [0.0; WIDEST], [0.0; WIDEST]);
+    let mut second = [f32::NAN; WIDEST];
     phase[..rest.len()].copy_from_slice(&phase_rad[rest.clone()]);
     sigma[..rest.len()].copy_from_slice(&sigma_rad[rest.clone()]);
-    left[..rest.len()].copy_from_slice(&bias[rest.clone()]);
-    unbias_vector(simd, (&mut phase, &mut sigma, &left), 0, whole, (over, at_row), growth);
+    second[..rest.len()].copy_from_slice(&bias.0[rest.clone()]);
+    fourth[..rest.len()].copy_from_slice(&bias.1[rest.clone()]);
+    let left = (&mut phase[..], &mut sigma[..]);
+    unbias_vector(simd, left, (&second, &fourth), [0, whole], (over, at_row), growth);
     phase_rad[rest.clone()].copy_from_slice(&phase[..rest.len()]);
     sigma_rad[rest.clone()].copy_from_slice(&sigma[..rest.len()]);
 }
 
-/// The pixels from a place on, which stand from a column on.
+/// The pixels from a place on, which stand from a column on (`at`: both).
 #[inline(always)]
 fn unbias_vector<S: Simd>(
     simd: S,
-    (phase_rad, sigma_rad, bias): (&mut [f32], &mut [f32], &[f32]),
-    first: usize,
-    column: usize,
+    (phase_rad, sigma_rad): (&mut [f32], &mut [f32]),
+    bias: (&[f32], &[f32]),
+    [first, column]: [usize; 2],
     (over, at_row): (&Field, f32),
     growth: f32,
 ) {
     let (phase, sigma) = (loaded(simd, phase_rad, first), loaded(simd, sigma_rad, first));
-    let bias = loaded(simd, bias, first);
+    let (bias, fourth) = (loaded(simd, bias.0, first), loaded(simd, bias.1, first));
     let off = loaded(simd, &PLACES, 0) + column as f32 - over.middle[0];
     let s2 = off * off * over.growth + at_row;
     let known = bias.is_finite();
-    put::<S>(known.select(phase - s2 * bias, phase), phase_rad, first);
+    put::<S>(known.select(phase - s2 * (bias + s2 * fourth), phase), phase_rad, first);
     put::<S>(known.select(sigma * growth, sigma), sigma_rad, first);
 }
 
@@ -319,9 +327,7 @@ impl Decoder {
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
-        // What the frames say comes with the derivatives; until then it is the footprint of the usual lens.
-        let expected = Expected { shape, variance_px2: known_px2.unwrap_or(USUAL_LENS_PX2) as f32 };
-        let seen = self.footprint.survey(out, reflectance, expected, self.level);
+        let seen = self.footprint.survey(out, reflectance, shape, self.level);
         let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
         if let Some(variance_px2) = variance_px2 {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);

@@ -160,7 +160,7 @@ impl Decoder {
     /// Prepares for a sequence.
     ///
     /// `extent_px` is the projector's size in columns and rows: it decides whether a period or a code covers it.
-    /// Memory per pixel: 1 (8 bits) or 2 bytes per frame that is used, and 4.7 bytes for what neighbours, footprint and bounced light say.
+    /// Memory per pixel: 1 (8 bits) or 2 bytes per frame that is used, and 8.7 bytes for what neighbours, footprint and bounced light say.
     ///
     /// # Errors
     /// Names the set or setting that cannot be used, or what is missing for an absolute order.

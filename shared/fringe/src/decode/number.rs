@@ -27,7 +27,7 @@ const DIRECTIONS: usize = 512;
 /// Borders are counted in so many bins from the nearest one to [`FAR`] times its distance; beyond, no error comes from.
 const BINS: usize = 1024;
 const FAR: f64 = 6.0;
-/// Most tuples: a projector of 65535 px with six periods of 16 px has 24 576.
+/// Most tuples: more would be sought for seconds (a projector of 65535 px with six periods of 16 px has 24 576, and is refused).
 const MOST_TUPLES: usize = 1 << 12;
 
 /// Why the periods give no order.

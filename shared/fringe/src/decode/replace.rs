@@ -54,8 +54,8 @@ impl Decoder {
     pub fn limits(&mut self, axis: Axis) -> Result<Limits, DecodeError> {
         let home =
             self.plan.axes.iter().position(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
-        // A single frame leaves the noise to the code, which is there already.
-        if self.plan.axes[home].sines.first().is_some_and(|slot| self.steps[*slot] == 1) {
+        // A single frame leaves the noise to the code, and few steps to neighbouring pixels: all of them are there already.
+        if self.axes[home].estimate.is_none() {
             self.estimate_from_neighbours(home);
         }
         let noise = self.noise(&self.axes[home]);

@@ -29,6 +29,9 @@ const SLOPE_DIVISOR: f32 = 12.0;
 /// A neighbourhood is smooth when its residual stays within so many times the phase noise, plus this many rad.
 const SMOOTH_SIGMAS: f32 = 3.0;
 const SMOOTH_RAD: f32 = 0.02;
+/// Its slope counts for the footprint where the residual's square stays within that of so many times the phase noise, and of
+/// [`SMOOTH_RAD`]: noise is 19 such squares, ± 6. What three times the noise hides of a crease or a limb takes contrast away.
+const COUNTED_SIGMAS: f32 = 1.5;
 /// Pixels that are worked on side by side, as vectors; narrower images are left alone.
 const LANES: usize = 16;
 /// Groups of them in a tile.
@@ -45,19 +48,18 @@ pub struct Survey<'a> {
     pub map: &'a PhaseViewMut<'a>,
     /// The frames that give the reflectance, where there are any.
     pub reflectance: Option<&'a Reflectance<'a>>,
-    /// What is known of the footprint beforehand.
-    pub expected: Expected,
+    /// Variances of the footprint along x and y over their mean; [1, 1] where it is round.
+    pub shape: [f32; 2],
     /// Width of the image, px.
     pub width: usize,
 }
 
-/// A footprint as it is known before the frames are asked.
-#[derive(Debug, Clone, Copy)]
-pub struct Expected {
-    /// Variances along x and y over their mean; [1, 1] where it is round.
-    pub shape: [f32; 2],
-    /// Their mean, for the terms of fourth order, px².
-    pub variance_px2: f32,
+/// What a footprint of the variance s² does to the phase of some pixels, in the order of their places: s² bias + s⁴ fourth.
+pub struct Bias<'a> {
+    /// The part of second order, rad/px²; NaN where the neighbourhood is not one smooth surface.
+    pub second: &'a mut [f32],
+    /// The part of fourth order, rad/px⁴; says nothing where the other is NaN.
+    pub fourth: &'a mut [f32],
 }
 
 /// One value for each of the pixels side by side.
@@ -142,17 +144,16 @@ fn above<S: Simd>(simd: S, [a, b, c, d, e]: [&Lanes; 5], first: usize) -> [S::f3
     [of(a), of(b), of(c), of(d), of(e)]
 }
 
-/// The bias of the phase over the variance of the footprint (see `footprint`) and |∇φ|² of the pixels whose five rows are given; NaN where they
-/// are not one smooth surface. What belongs to x and to y is weighted by the shape of the footprint.
+/// The parts of the bias (see [`Bias`] and `footprint`) and |∇φ|² of the pixels whose five rows are given; NaN where they are not one smooth
+/// surface. What belongs to x and to y is weighted by the shape of the footprint.
 #[inline(always)]
 fn window<S: Simd>(
     simd: S,
     [a, b, c, d, e]: [&RowSums; 5],
     (sigma_rad, light): (&Lanes, Light),
-    expected: &Expected,
-) -> (Lanes, Lanes) {
-    let [along_x, along_y] = expected.shape;
-    let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
+    [along_x, along_y]: [f32; 2],
+) -> [Lanes; 3] {
+    let [mut second, mut fourth, mut slope2] = [[0.0; LANES]; 3];
     let nothing = S::f32s::simd_from(simd, f32::NAN);
     for part in 0..LANES / S::f32s::LEN {
         let first = part * S::f32s::LEN;
@@ -175,10 +176,13 @@ fn window<S: Simd>(
             + (dx * dx + dy * dy) * (1.0 / SUM_X2)
             + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
             + dxy * dxy * (1.0 / SUM_XY2);
-        let limit = loaded(simd, sigma_rad, first) * SMOOTH_SIGMAS + SMOOTH_RAD;
+        let noise = loaded(simd, sigma_rad, first);
+        let (limit, least) = (noise * SMOOTH_SIGMAS + SMOOTH_RAD, noise * COUNTED_SIGMAS);
         let lit = light.beside(simd, first, 0);
         // 25 values, six parameters. A masked neighbour makes the sum NaN, and NaN is not within the limit.
-        let smooth = (d2 - explained).simd_le(limit * 19.0 * limit) & lit.simd_gt(0.0);
+        let rest = d2 - explained;
+        let smooth = rest.simd_le(limit * 19.0 * limit) & lit.simd_gt(0.0);
+        let counted = smooth & rest.simd_le((least * least + SMOOTH_RAD * SMOOTH_RAD) * 19.0);
         let (x, y) = (dx * (1.0 / SUM_X2), dy * (1.0 / SUM_X2));
         let shading = S::f32s::simd_from(simd, 1.0) / (lit * SLOPE_DIVISOR);
         let (u, v) = (light.slope(simd, first, 1) * shading, light.slope(simd, first, light.width) * shading);
@@ -187,11 +191,11 @@ fn window<S: Simd>(
         let value = curve + (u * x * along_x + v * y * along_y);
         // ½ gᵀ H g, H the second derivatives.
         let (half_xx, half_yy, xy) = (dxx * (1.0 / SUM_Q2), dyy * (1.0 / SUM_Q2), dxy * (1.0 / SUM_XY2));
-        let fourth = (gx * gx * half_xx + gy * gy * half_yy + gx * gy * xy) * expected.variance_px2;
-        put::<S>(smooth.select(value + fourth, nothing), &mut bias, first);
-        put::<S>(smooth.select(x * x * along_x + y * y * along_y, nothing), &mut slope2, first);
+        put::<S>(gx * gx * half_xx + gy * gy * half_yy + gx * gy * xy, &mut fourth, first);
+        put::<S>(smooth.select(value, nothing), &mut second, first);
+        put::<S>(counted.select(x * x * along_x + y * y * along_y, nothing), &mut slope2, first);
     }
-    (bias, slope2)
+    [second, fourth, slope2]
 }
 
 /// Sum of five values.
@@ -207,9 +211,9 @@ fn along<S: Simd>(v: [S::f32s; 5]) -> S::f32s {
 }
 
 impl Survey<'_> {
-    /// Fills the bias over the variance of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
+    /// Fills the bias of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
     #[inline(always)]
-    pub fn rows<S: Simd>(&self, simd: S, row: usize, bias: &mut [f32], bins: &mut Bins) {
+    pub fn rows<S: Simd>(&self, simd: S, row: usize, bias: &mut Bias, bins: &mut Bins) {
         let (width, height) = (self.width, self.map.phase_rad.len() / self.width);
         let (first, last) = (row.max(HALF), (row + ROWS).min(height.saturating_sub(HALF)));
         if first >= last || width < LANES + 2 * HALF {
@@ -246,9 +250,10 @@ impl Survey<'_> {
                     }
                     let modulation = taken(self.map.modulation, at);
                     let light = Light { modulation: self.map.modulation, at, width };
-                    let (found, slope2) =
-                        window(simd, rows, (&taken(self.map.sigma_rad, at), light), &self.expected);
-                    bias[at - row * width..][..LANES].copy_from_slice(&found);
+                    let [second, fourth, slope2] =
+                        window(simd, rows, (&taken(self.map.sigma_rad, at), light), self.shape);
+                    bias.second[at - row * width..][..LANES].copy_from_slice(&second);
+                    bias.fourth[at - row * width..][..LANES].copy_from_slice(&fourth);
                     let counted = column + group * LANES - start(group);
                     self.add_to_bins(simd, at, counted, (&slope2, &modulation), y % GROUPS, bins);
                 }

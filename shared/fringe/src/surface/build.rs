@@ -33,7 +33,14 @@ impl SurfaceBuilder {
         let crumbs = self.drop_crumbs(view.width);
         self.mark_gaps((view.width, view.height), link);
         let written = self.write(view, link, pair, out);
-        SurfaceReport { spikes, crumbs, ..written }
+        let [remnants, without_normal] = self.drop_remnants(&mut out[..written.points as usize]);
+        SurfaceReport {
+            spikes,
+            crumbs: crumbs + remnants,
+            points: written.points - remnants,
+            without_normal: written.without_normal - without_normal,
+            ..written
+        }
     }
 
     fn write(&mut self, view: &View, link: Link, pair: u32, out: &mut [Point]) -> SurfaceReport {

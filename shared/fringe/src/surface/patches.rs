@@ -94,6 +94,21 @@ impl Patches {
         }
     }
 
+    /// Counts other pixels of the patches, in rising order, in the place of their samples.
+    pub fn recount(&mut self, pixels: impl Iterator<Item = u32>) {
+        self.stretches.iter_mut().for_each(|stretch| stretch.size = 0);
+        let mut pixels = pixels.peekable();
+        for own in 0..self.stretches.len() {
+            let end = self.stretches[own].end;
+            let mut count = 0;
+            while pixels.next_if(|pixel| *pixel < end).is_some() {
+                count += 1;
+            }
+            let root = self.root(own);
+            self.stretches[root].size += count;
+        }
+    }
+
     /// The pixels of patches with fewer samples, stretch by stretch.
     pub fn smaller_than(&mut self, wanted: u32) -> impl Iterator<Item = Range<usize>> {
         (0..self.stretches.len()).filter_map(move |own| {

@@ -6,8 +6,10 @@ use super::joints::{ABOVE, ALONE, BEFORE, Joints};
 use super::normals::Link;
 use super::patches::{STRIDE, eight, repeated};
 use super::raster::Raster;
+use crate::cloud::Point;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
+use std::ops::Range;
 
 impl SurfaceBuilder {
     /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many. Leaves in `keep` which of the others
@@ -61,12 +63,50 @@ impl SurfaceBuilder {
         }
         dropped
     }
+
+    /// Takes out the points of patches of which fewer than `min_patch_points` are left, and moves the others together: what is left of a wrong
+    /// match without its rims. Returns how many points, and how many of them had no normal.
+    pub(super) fn drop_remnants(&mut self, points: &mut [Point]) -> [u32; 2] {
+        let wanted = self.settings.min_patch_points;
+        if wanted <= 1 {
+            return [0; 2];
+        }
+        let Self { causes, patches, .. } = self;
+        patches.recount(points.iter().map(|point| point.pixel));
+        let (mut end, mut next, mut without_normal) = (0, 0, 0);
+        for pixels in patches.smaller_than(wanted) {
+            let before = next + points[next..].partition_point(|point| (point.pixel as usize) < pixels.start);
+            let after =
+                before + points[before..].partition_point(|point| (point.pixel as usize) < pixels.end);
+            if before == after {
+                continue;
+            }
+            move_down(points, next..before, &mut end);
+            for point in &points[before..after] {
+                causes[point.pixel as usize] = Cause::Crumb;
+                without_normal += u32::from(point.normal == [0.0; 3]);
+            }
+            next = after;
+        }
+        move_down(points, next..points.len(), &mut end);
+        [(points.len() - end) as u32, without_normal]
+    }
+}
+
+/// Moves points down to the end of those before, which moves on.
+fn move_down(points: &mut [Point], from: Range<usize>, end: &mut usize) {
+    let count = from.len();
+    if from.start != *end {
+        points.copy_within(from, *end);
+    }
+    *end += count;
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::{Sample, SurfaceSettings};
     use super::*;
+    use bytemuck::Zeroable;
 
     const LINK: Link = Link { max_step: 0.01 };
 
@@ -104,6 +144,31 @@ mod tests {
         let (picture, spikes, _) = kept(&["11111...", "11311..1", "11111...", "11111.11"], settings);
         assert_eq!(picture, ["#####...", "##.##...", "#####...", "#####..."]);
         assert_eq!(spikes, 4);
+    }
+
+    /// Proves: of two patches with as many samples the one goes that has few points left, with every point of it, and no other point moves.
+    #[test]
+    fn a_patch_with_few_points_left_goes() {
+        let settings =
+            SurfaceSettings { min_neighbours: 0, min_patch_points: 4, ..SurfaceSettings::default() };
+        let picture = ["1111.33.", "1111.33.", ".....33.", ".....33."];
+        let (width, samples) = drawn(&picture);
+        let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
+        builder.load(&samples);
+        builder.drop_spikes(width, LINK);
+        assert_eq!(builder.drop_crumbs(width), 0);
+        let point = |pixel: u32| Point {
+            pixel,
+            normal: [0.0, 0.0, f32::from(u8::from(pixel != 13))],
+            ..Zeroable::zeroed()
+        };
+        let mut points = [1, 2, 5, 9, 10, 13, 22].map(point);
+        assert_eq!(builder.drop_remnants(&mut points), [3, 1]);
+        assert_eq!(points[..4].iter().map(|p| p.pixel).collect::<Vec<_>>(), [1, 2, 9, 10]);
+        assert!([5, 13, 22].iter().all(|pixel| builder.causes()[*pixel] == Cause::Crumb));
+        let mut enough = [1, 2, 5, 6, 9, 10, 13, 22].map(point);
+        assert_eq!(builder.drop_remnants(&mut enough), [0, 0]);
+        assert_eq!(enough[7].pixel, 22);
     }
 
     #[test]

@@ -12,6 +12,11 @@ use fringe::math::statistics::median;
 /// Noise correlated over more than this part of the extent cannot be separated from form.
 const REACH_SHARE: f64 = 1.0 / 3.0;
 
+/// Width of a bin over the spacing of neighbours. In bins of just that spacing, those neighbours on an exact grid would come first whose
+/// residuals agree, since others add to the distance: noise without any correlation would seem correlated. It suffices for noise
+/// up to a twentieth of the spacing.
+const BIN_SPACINGS: f64 = 1.04;
+
 /// Cells whose pairs one thread sums; fixed, so that no result depends on the number of threads.
 const CELLS_AT_ONCE: usize = 128;
 
@@ -28,7 +33,7 @@ pub(super) struct Bin<const P: usize> {
     pub product: f64,
     /// Sum of squared products of scores, Σ (S S′)².
     pub square: f64,
-    /// Number of pairs of points, Σ n n′.
+    /// Number of pairs of residuals, Σ n n′ for each row.
     pub pairs: f64,
     /// Sum of products of derivatives, Σ J J′ᵀ.
     pub derivatives: SMatrix<f64, P, P>,
@@ -59,7 +64,7 @@ impl<const P: usize> Bin<P> {
         let ([first, second], [of_first, of_both, of_second]) = (cell.residual, beside.products);
         let squares = first * first * of_first + 2.0 * first * second * of_both + second * second * of_second;
         self.square += squares.max(0.0);
-        self.pairs += cell.count * beside.count;
+        self.pairs += rows as f64 * cell.count * beside.count;
     }
 }
 
@@ -100,7 +105,7 @@ impl<const P: usize> Beside<P> {
     }
 }
 
-/// Pairs of cells by their distance, in bins as wide as neighbours are apart (median). Bins are summed as far out as they are
+/// Pairs of cells by their distance, in bins about as wide as neighbours are apart (median). Bins are summed as far out as they are
 /// asked for: pairs grow with the square of their distance, and noise seldom reaches over more than some cells.
 pub(super) struct Correlogram<'a, const P: usize> {
     /// In the order of their places along the longest axis, and each coordinate of these places in one piece: most pairs are only
@@ -127,8 +132,8 @@ impl<'a, const P: usize> Correlogram<'a, P> {
         let places = [0, 1, 2].map(|axis| cells.iter().map(|c| c.position[axis]).collect::<Vec<f64>>());
         let reach_mm = REACH_SHARE * extent[axis];
         // No more bins than cells: neighbours that coincide would need infinitely many.
-        let width_mm =
-            spacing_mm(places.each_ref().map(Vec::as_slice), axis).max(reach_mm / cells.len().max(1) as f64);
+        let width_mm = BIN_SPACINGS * spacing_mm(places.each_ref().map(Vec::as_slice), axis);
+        let width_mm = width_mm.max(reach_mm / cells.len().max(1) as f64);
         let most = if width_mm > 0.0 { (reach_mm / width_mm) as usize + 1 } else { 0 };
         let curves = cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros());
         Self {
@@ -332,7 +337,8 @@ mod tests {
                 let both = first.residual[0] * second.residual[0] + first.residual[1] * second.residual[1];
                 let derivatives = [0, 1].map(|row| first.derivatives[row] * second.derivatives[row].transpose());
                 let trace = (derivatives[0] + derivatives[1]).trace();
-                for (sum, more) in sums.iter_mut().zip([both, both * both, first.count * second.count, trace]) {
+                let pairs = correlogram.rows as f64 * first.count * second.count;
+                for (sum, more) in sums.iter_mut().zip([both, both * both, pairs, trace]) {
                     *sum += more;
                 }
             }

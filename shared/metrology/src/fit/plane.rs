@@ -103,8 +103,7 @@ impl PlaneFit {
         self.offset_mm = normal.dot(&point);
         self.u_centroid_mm = self.u_at_mm(&Point3::from(point));
         self.u_offset_mm = self.u_at_mm(&Point3::origin());
-        let [e1, e2] = tangents;
-        self.u_normal_rad = self.u_tilt_rad(&e1).max(self.u_tilt_rad(&e2));
+        self.u_normal_rad = worst_tilt_rad(&covariance);
     }
 
     /// The same plane with its normal turned to the side of a direction.
@@ -139,6 +138,14 @@ pub(super) fn refuse_flat(
     }
 }
 
+/// Standard uncertainty of the tilt in the direction in which it is largest, rad: of the two tilts that a covariance begins with.
+fn worst_tilt_rad(covariance: &Matrix3<f64>) -> f64 {
+    let tilt = covariance.fixed_view::<2, 2>(0, 0);
+    let (trace, determinant) = (tilt.trace(), tilt.determinant());
+    let largest = 0.5 * (trace + (trace * trace - 4.0 * determinant).max(0.0).sqrt());
+    largest.max(0.0).sqrt()
+}
+
 /// Fits a plane.
 ///
 /// # Errors
@@ -147,9 +154,6 @@ pub fn plane(points: &[Point3<f64>], settings: &FitSettings) -> Result<PlaneFit,
     let solution = solve(ELEMENT, 4, points, settings, principal)?;
     let model = solution.model;
     let centroid = solution.centroid + solution.used_centroid;
-    let tilt = solution.covariance.fixed_view::<2, 2>(0, 0);
-    let (trace, determinant) = (tilt.trace(), tilt.determinant());
-    let largest = 0.5 * (trace + (trace * trace - 4.0 * determinant).max(0.0).sqrt());
     let mut fit = PlaneFit {
         normal: model.normal.into(),
         offset_mm: model.normal.dot(&solution.centroid) + model.offset,
@@ -157,7 +161,7 @@ pub fn plane(points: &[Point3<f64>], settings: &FitSettings) -> Result<PlaneFit,
         form: solution.form,
         u_centroid_mm: 0.0,
         u_offset_mm: 0.0,
-        u_normal_rad: largest.max(0.0).sqrt(),
+        u_normal_rad: worst_tilt_rad(&solution.covariance),
         support: solution.support,
         tangents: model.tangents,
         origin: solution.centroid,

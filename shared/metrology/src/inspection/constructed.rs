@@ -297,6 +297,9 @@ fn line_through(parts: &[Substitute]) -> Result<Substitute, String> {
 
 fn plane_through(parts: &[Substitute]) -> Result<Substitute, String> {
     let points = points(parts, 3)?;
+    if lie_on_a_line(&points) {
+        return Err("the elements lie on one line: no plane is fixed by them; choose others".into());
+    }
     let normal = (points[1] - points[0]).cross(&(points[2] - points[0]));
     let (point, normal) = if points.len() == 3 {
         (points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / 3.0, normal)
@@ -305,11 +308,17 @@ fn plane_through(parts: &[Substitute]) -> Result<Substitute, String> {
         (Vector3::from(found.centroid_mm), found.towards(&normal).normal_vector())
     };
     let reach = points.iter().map(|p| (p.coords - point).norm()).fold(0.0, f64::max);
-    let length = normal.norm();
-    if length < PARALLEL * reach.min(1.0) {
-        return Err("the elements lie on one line: no plane is fixed by them; choose others".into());
-    }
-    Ok(Substitute::plane(point, normal / length, [reach, reach]))
+    Ok(Substitute::plane(point, normal.normalize(), [reach, reach]))
+}
+
+/// Whether all points are nearer to the line through the two that lie farthest apart than a part of their distance: a plane through them turns
+/// by as much as they are uncertain.
+fn lie_on_a_line(points: &[Point3<f64>]) -> bool {
+    let pairs = points.iter().enumerate().flat_map(|(i, a)| points[..i].iter().map(move |b| (*a, *b)));
+    let longest = pairs.max_by(|(a, b), (c, d)| (a - b).norm().total_cmp(&(c - d).norm()));
+    let Some((a, b)) = longest else { return true };
+    let along = b - a;
+    points.iter().all(|p| (p - a).cross(&along).norm() <= PARALLEL * along.norm_squared())
 }
 
 fn circle_through(parts: &[Substitute]) -> Result<Substitute, String> {
@@ -328,4 +337,26 @@ fn circle_through(parts: &[Substitute]) -> Result<Substitute, String> {
             .map(|(n, p)| (n / n.norm(), p)),
     )?;
     Ok(Substitute::circle(center, plane.direction, 2.0 * (a - center).norm()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Proves: places that lie nearly on one line fix no plane, however long that line is, and in whatever order they come.
+    #[test]
+    fn nearly_one_line_is_no_plane() {
+        let lie = |off_mm: f64, order: [usize; 3]| {
+            let places = [[0.0, 0.0], [50.0, off_mm], [100.0, 0.0]];
+            let points = order.map(|i| Point3::new(places[i][0], places[i][1], 7.0));
+            lie_on_a_line(&points)
+        };
+        for order in [[0, 1, 2], [1, 0, 2], [2, 0, 1]] {
+            assert!(lie(0.05, order) && lie(0.0, order), "{order:?}");
+            assert!(!lie(0.5, order), "{order:?}");
+        }
+        assert!(lie_on_a_line(&[Point3::origin(); 3]));
+        let four = [[0.0, 0.0], [50.0, 0.0], [100.0, 0.0], [20.0, 3.0]].map(|[x, y]| Point3::new(x, y, 0.0));
+        assert!(lie_on_a_line(&four[..3]) && !lie_on_a_line(&four));
+    }
 }

@@ -55,6 +55,11 @@ pub enum CloudError {
     /// All points in one place.
     #[error("most of its points coincide: it has no surface; is this the right file?")]
     Coincident,
+    /// Hardly any point has a plane of neighbours.
+    #[error(
+        "shows no surface: its points lie on a line, or too far apart for their number; is this the right file?"
+    )]
+    NoSurface,
 }
 
 /// A reference for comparison: a mesh, or a cloud with a local surface.

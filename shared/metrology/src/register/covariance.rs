@@ -11,9 +11,13 @@ use crate::fit::{FEWEST_CELLS, Rows, estimate_rows};
 /// Unknowns of a rigid motion.
 const UNKNOWNS: usize = 6;
 
+/// A coordinate is not determined when a free unit motion has a larger component in it.
+const LARGEST_FREE: f64 = 0.01;
+
 /// Uncertainty and what it rests on.
 pub(super) struct Stated {
-    /// Of a rotation vector about the centre, rad, and a translation, mm.
+    /// Of a rotation vector about the centre, rad, and a translation, mm. In a coordinate that a free motion changes: infinite on
+    /// the diagonal, zero beside it.
     pub covariance: SMatrix<f64, 6, 6>,
     /// Cells; 0 where the points counted as independent.
     pub cells: usize,
@@ -33,7 +37,7 @@ impl Rows<UNKNOWNS> for OfPairs<'_> {
     }
 }
 
-/// A⁻¹ M A⁻¹ within the determined motions.
+/// A⁻¹ M A⁻¹ within the determined motions; infinite where the others lead.
 pub(super) fn covariance(last: &Refined) -> Stated {
     let (equations, principal) = (&last.equations, &last.principal);
     let used: Vec<&Pair> = last.pairs.iter().filter(|p| p.distance_mm.abs() <= last.limit_mm).collect();
@@ -60,7 +64,12 @@ pub(super) fn covariance(last: &Refined) -> Stated {
     };
     let vectors = &principal.vectors;
     let unit = |i: usize| if i < 3 { equations.arm_mm } else { 1.0 };
+    let open: [bool; UNKNOWNS] =
+        std::array::from_fn(|r| principal.free().any(|k| vectors[(r, k)].abs() > LARGEST_FREE));
     let entry = |r: usize, c: usize| {
+        if open[r] || open[c] {
+            return if r == c { f64::INFINITY } else { 0.0 };
+        }
         let sum: f64 = (0..UNKNOWNS)
             .flat_map(|k| (0..UNKNOWNS).map(move |l| (k, l)))
             .map(|(k, l)| vectors[(r, k)] * inner[(k, l)] * vectors[(c, l)])

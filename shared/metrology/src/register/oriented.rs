@@ -3,6 +3,7 @@
 use crate::spread::some_of;
 use nalgebra::{Point3, Vector3};
 
+use super::LEAST_POINTS;
 use crate::reference::{CloudError, CloudReference, Reference};
 use crate::spatial::{Aabb, TriangleMesh, thin_to, thinned};
 use fringe::cloud::Point;
@@ -30,13 +31,16 @@ impl Samples {
     /// Of a cloud, about `wanted` of them.
     ///
     /// # Errors
-    /// Too few points for a surface, or all of them in one place.
+    /// Too few points for a surface, all of them in one place or on a line.
     pub fn of_cloud(points: &[Point], wanted: usize) -> Result<Self, CloudError> {
         let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
         let kept = thin_to(&positions, NORMAL_POINTS);
         let kept: Vec<Point> = kept.into_iter().map(|i| points[i as usize]).collect();
         let surface = CloudReference::new(&kept, Vector3::z(), None)?.with_normals();
         let all = Self::of_surface(&surface);
+        if all.list.len() < LEAST_POINTS {
+            return Err(CloudError::NoSurface);
+        }
         let places: Vec<Point3<f64>> = all.list.iter().map(|s| Point3::from(s.place)).collect();
         let list = thin_to(&places, wanted).into_iter().map(|i| all.list[i as usize]).collect();
         Ok(Self { list, signed: all.signed })
@@ -114,4 +118,38 @@ fn volume_mm3(mesh: &TriangleMesh) -> f64 {
     let about = mesh.bounds().centre();
     let of = |[a, b, c]: [Vector3<f64>; 3]| a.dot(&b.cross(&c)) / 6.0;
     mesh.triangles().iter().map(|t| of(t.corners.map(|p| p - about))).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::register::{InitialPose, RegisterError, RegisterSettings, register};
+    use fringe::synthetic::Noise;
+
+    fn point(place: [f64; 3]) -> Point {
+        Point { position_mm: place, ..bytemuck::Zeroable::zeroed() }
+    }
+
+    /// Points on a line have no normals for the search, neither as the cloud nor as the reference.
+    #[test]
+    fn a_line_is_no_surface() {
+        let mut noise = Noise(1);
+        let line: Vec<Point> = (0..2000).map(|i| point([0.1 * f64::from(i), 0.0, 3.0])).collect();
+        let mut on_face = || {
+            let (x, y) = (60.0 * noise.unit(), 40.0 * noise.unit());
+            point([x, y, 0.01 * x * y])
+        };
+        let face: Vec<Point> = (0..2000).map(|_| on_face()).collect();
+        let searched = |points: &[Point], target: &[Point]| {
+            let reference =
+                Reference::Cloud(CloudReference::new(target, Vector3::z(), None).unwrap().with_normals());
+            register(points, &reference, &InitialPose::Search, &RegisterSettings::default())
+        };
+        for target in [&face, &line] {
+            assert_eq!(searched(&line, target).unwrap_err(), RegisterError::Cloud(CloudError::NoSurface));
+        }
+        assert!(searched(&face, &line).is_err());
+        // With or without a pose for so few: no panic.
+        (7..=20).for_each(|count| drop(searched(&face[..count], &face)));
+    }
 }

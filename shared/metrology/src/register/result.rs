@@ -96,11 +96,11 @@ pub struct Registration {
     /// Motions that are not determined; empty when all six are.
     pub undetermined: Vec<Freedom>,
     /// Covariance of a small rotation about `centre_mm` (x, y, z, rad) and a translation (mm), row by row, with the
-    /// correlation of neighbours' noise; zero along undetermined motions.
+    /// correlation of neighbours' noise. In a coordinate that an undetermined motion changes: infinite on the diagonal, zero beside it.
     pub covariance: [[f64; 6]; 6],
-    /// Standard uncertainties: roots of the diagonal of the covariance.
+    /// Standard uncertainties: roots of the diagonal of the covariance, infinite where an undetermined motion leads.
     pub u_rotation_rad: [f64; 3],
-    /// Standard uncertainties of the translation x, y, z, mm.
+    /// Standard uncertainties of the translation x, y, z, mm, infinite as those of the rotation.
     pub u_translation_mm: [f64; 3],
     /// Where the rotation of the covariance turns: centre of the matches, reference frame, mm.
     pub centre_mm: [f64; 3],

@@ -118,6 +118,11 @@ fn a_plane_on_a_plane_slides_and_says_so() {
             register(&noisy(&points), &reference, &InitialPose::Given(start), &RegisterSettings::default())
                 .unwrap();
         assert_eq!(found.undetermined.len(), 3, "{sigma_mm}: {found:?}");
+        // Neither the turn about the normal nor a shift along the plane has an uncertainty.
+        let known = |u: [f64; 3]| u.map(f64::is_finite);
+        let stated = [known(found.u_rotation_rad), known(found.u_translation_mm)];
+        assert_eq!(stated, [[true, true, false], [false, false, true]], "{sigma_mm}: {found:?}");
+        assert!(found.covariance[2][2] == f64::INFINITY && found.covariance[2][5] == 0.0, "{found:?}");
         assert!((found.pose().point(&Vector3::new(0.0, 0.0, 0.4)).z).abs() < 0.01);
         // What is not determined was not touched: the shift along x of the start is still there.
         assert!((found.translation_mm[0] - 0.3).abs() < 0.02, "{:?}", found.translation_mm);

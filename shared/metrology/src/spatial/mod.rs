@@ -22,7 +22,7 @@ pub use mesh::{Foot, TriangleMesh};
 pub(crate) use nearest::groups;
 pub(crate) use points::{Neighbourhood, PointTree};
 pub use rays::{first_met, is_blocked};
-pub use thin::thinned_cloud;
+pub use thin::{extent_and_least_edge_mm, thinned_cloud};
 pub(crate) use thin::{thin_to, thinned};
 pub use triangle::{Triangle, nearest_on_segment};
 pub(crate) use vicinity::{Place, Vicinity};

@@ -24,6 +24,14 @@ pub fn thinned_cloud(points: &[Point], edge_mm: f64) -> Vec<Point> {
     kept.into_iter().map(|index| points[index as usize]).collect()
 }
 
+/// The extent of points along the axis where it is largest, and the smallest edge that a grid about them can have, mm.
+pub fn extent_and_least_edge_mm(points: &[Point]) -> (f64, f64) {
+    let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
+    let bounds = Aabb::of(&positions);
+    let extent_mm = (bounds.high - bounds.low).max();
+    (extent_mm, extent_mm / CELLS_PER_AXIS)
+}
+
 /// Indices, ascending, of the first point in each cube of a grid with this edge, mm.
 pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
     let Some(grid) = Grid::new(points, edge_mm) else { return Vec::new() };
@@ -131,6 +139,13 @@ mod tests {
         let points = [point(0.1, 0.3), point(0.2, 0.1), point(1.3, 0.2), point(1.2, 0.2)];
         assert_eq!(thinned_cloud(&points, 1.0), [points[1], points[2]]);
         assert_eq!(thinned_cloud(&points, 1e-9), points);
+    }
+
+    #[test]
+    fn the_least_edge_is_that_of_the_largest_extent() {
+        let point = |x: f64| Point { position_mm: [x, 1.0, 2.0], ..bytemuck::Zeroable::zeroed() };
+        let (extent_mm, edge_mm) = extent_and_least_edge_mm(&[point(-1e6), point(0.0), point(1e6)]);
+        assert_eq!((extent_mm, edge_mm), (2e6, 2e6 / CELLS_PER_AXIS));
     }
 
     #[test]

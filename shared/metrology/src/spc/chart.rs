@@ -132,7 +132,7 @@ fn individuals(values: &[f64]) -> Option<Chart> {
         kind: ChartKind::Individuals,
         subgroup: 1,
         sigma_within: sigma,
-        // Neighbouring ranges share a value: 0.605 (n − 1) + 0.1 nearly (W. A. Wheeler, Advanced Topics in SPC, 1995).
+        // Neighbouring ranges share a value: 0.605 (n − 1) + 0.1 nearly (D. J. Wheeler, Advanced Topics in SPC, 1995).
         dof_within: 0.605 * moving.len() as f64 + 0.1,
         location: ControlLimits { lower: centre - 3.0 * sigma, centre, upper: centre + 3.0 * sigma },
         spread: ControlLimits {

@@ -159,8 +159,11 @@ pub fn type_two(readings: &[Reading], tolerance: Option<f64>) -> Result<TypeTwo,
     let [part, operator, cross, equipment] = table.sums_of_squares();
     let dofs = [p - 1.0, o - 1.0, (p - 1.0) * (o - 1.0), p * o * (r - 1.0)];
     let squares: Vec<f64> = [part, operator, cross, equipment].iter().zip(dofs).map(|(s, d)| s / d).collect();
-    let ratio = |over: usize, under: usize| {
-        (squares[under] > 0.0).then(|| f_tail(squares[over] / squares[under], dofs[over], dofs[under]))
+    // Scatter over none at all is no chance; nothing over nothing says nothing.
+    let ratio = |over: usize, under: usize| match (squares[over] > 0.0, squares[under] > 0.0) {
+        (_, true) => Some(f_tail(squares[over] / squares[under], dofs[over], dofs[under])),
+        (true, false) => Some(0.0),
+        (false, false) => None,
     };
     let ps = [ratio(0, 2), ratio(1, 2), ratio(2, 3), None];
     let pooled = ps[2].is_none_or(|p| p > POOLED_ABOVE);

@@ -204,6 +204,32 @@ fn the_example_of_the_msa_manual_comes_out() {
     assert_eq!(found.ndc, Some(4));
 }
 
+/// Proves: a gauge whose readings repeat exactly has no less of an interaction than one that hardly scatters.
+#[test]
+fn readings_that_repeat_exactly_hide_no_interaction() {
+    let coarse = |off: f64| {
+        let value = |part: usize, operator: usize| {
+            (10.0 * part as f64 + ((7 * part + 5 * operator) % 3) as f64) / 100.0
+        };
+        let all = (0..10).flat_map(|part| {
+            (0..3).flat_map(move |operator| (0..2).map(move |trial| (part, operator, trial)))
+        });
+        let readings: Vec<Reading> = all
+            .map(|(part, operator, trial)| Reading {
+                part: format!("{part}"),
+                operator: format!("{operator}"),
+                value: value(part, operator) + if (part, operator, trial) == (0, 0, 0) { off } else { 0.0 },
+            })
+            .collect();
+        type_two(&readings, None).unwrap()
+    };
+    let (exact, nearly) = (coarse(0.0), coarse(1e-6));
+    assert!(!nearly.pooled && !exact.pooled);
+    assert!(nearly.interaction > 0.0 && exact.ev == 0.0);
+    near(exact.interaction, nearly.interaction, 1e-5);
+    near(exact.grr, nearly.grr, 1e-5);
+}
+
 #[test]
 fn studies_that_prove_nothing_are_refused() {
     let all = readings(&AIAG);

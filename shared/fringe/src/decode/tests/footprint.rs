@@ -4,7 +4,6 @@ use super::super::contrast_bins::Reflectance;
 use super::super::footprint::{Footprint, Line};
 use super::super::rasters::Rasters;
 use super::super::roles::Levels;
-use super::super::survey::Expected;
 use crate::decode::DecodeSettings;
 use crate::math::simd::best_level;
 use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
@@ -13,7 +12,7 @@ use crate::phase::{PhaseInfo, PhaseMap};
 
 const WIDTH: usize = 240;
 const HEIGHT: usize = 200;
-const ROUND: Expected = Expected { shape: [1.0; 2], variance_px2: 0.33 };
+const ROUND: [f32; 2] = [1.0; 2];
 
 /// A curved, shaded surface: phase and reflectance at a place, px.
 fn surface(x: f64, y: f64) -> (f64, f64) {
@@ -113,15 +112,17 @@ fn fine_fringes_leave_no_bias_of_fourth_order() {
     };
     let variance_px2 = 0.4;
     let (before, rasters) = blurred_phase(&phase, variance_px2);
-    let left = |expected_px2: f32| {
+    let left = |part_of_fourth: f32| {
         let mut map = before.clone();
         let mut footprint = Footprint::new(WIDTH, map.info.len());
-        let expected = Expected { variance_px2: expected_px2, ..ROUND };
-        footprint.survey(&map.view_mut(), Some(told_by(&rasters)), expected, best_level());
-        footprint.correct(variance_px2, 0.0, &mut map.view_mut(), best_level());
+        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
+        let found = found.and_then(Line::joined_px2).unwrap();
+        assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
+        footprint.fourth.iter_mut().for_each(|part| *part *= part_of_fourth);
+        footprint.correct(found, 0.0, &mut map.view_mut(), best_level());
         errors(&map, &phase)
     };
-    let (second, fourth) = (left(0.0), left(variance_px2 as f32));
+    let (second, fourth) = (left(0.0), left(1.0));
     assert!(fourth.0.abs() < 0.2 * second.0.abs(), "mean error {second:?} became {fourth:?}");
 }
 

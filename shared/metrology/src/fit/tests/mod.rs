@@ -5,6 +5,7 @@ use proptest::prelude::*;
 
 use super::*;
 
+mod correlated;
 mod independent;
 mod nist;
 mod reference;
