@@ -2,6 +2,7 @@
 
 use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::{Result, ensure};
+use cell::executor::no_point;
 use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
@@ -107,11 +108,7 @@ impl Fusion {
         let points = report.points as usize;
         if points == 0 {
             release(&mut self.parts);
-            return Err(Fault::Cycle(
-                "no point at all: the frames are dark or saturated, or the views share no valid phase; look at a recording of \
-                 them (--record) with `fringetool decode`"
-                    .into(),
-            ));
+            return Err(Fault::Cycle(no_point(report, &context.cell.config.settings.fusion)));
         }
         loan.header_mut().points = report.points;
         let used = points * size_of::<Point>();

@@ -117,6 +117,7 @@ enum Command {
 
 fn main() -> ExitCode {
     ipc::os::report_file_size_limit();
+    ipc::os::raise_open_files();
     if !ipc::os::had_stdout() {
         cli::output::without_stdout();
     }

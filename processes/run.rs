@@ -152,19 +152,37 @@ fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
         }
         results.push_back(result.clone());
     })?;
-    if let Some(error) = summary.unwritten.take() {
-        return Err(error);
-    }
+    let mut lost = Lost::default();
+    lost.add(summary.unwritten.take());
     if summary.tally.renew {
+        lost.named()?;
         terminal::print_note("the host that leads was started again: this host begins anew");
         return Ok(None);
     }
     let results: Vec<CycleResult> = results.into();
     print_tables(&cell, &results, truth);
-    write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth)?;
+    write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth, &mut lost);
     let code = exit_code(&cell, &summary, &options);
-    json::emit(args.json.as_deref(), &report(&cell, &summary, &results))?;
+    lost.add(json::emit(args.json.as_deref(), &report(&cell, &summary, &results)).err());
+    lost.named()?;
     Ok(Some(code))
+}
+
+/// Why outputs are lost; one that fails keeps no other from being written.
+#[derive(Debug, Default)]
+struct Lost(Vec<anyhow::Error>);
+
+impl Lost {
+    fn add(&mut self, reasons: impl IntoIterator<Item = anyhow::Error>) {
+        self.0.extend(reasons);
+    }
+
+    /// Prints all but the last, which the end of the program prints.
+    fn named(mut self) -> Result<()> {
+        let last = self.0.pop();
+        self.0.iter().for_each(|reason| cli::error(format_args!("{reason:#}")));
+        last.map_or(Ok(()), Err)
+    }
 }
 
 /// The cell of a configuration, or what a host has of it.
@@ -248,7 +266,7 @@ fn report<'a>(cell: &'a LoadedCell, summary: &'a Summary, results: &'a [CycleRes
     }
 }
 
-/// Writes the files at the end of a run. Cycles that are missing in the cycle record are an error.
+/// Writes the files at the end of a run, and says which are lost. Cycles that are missing in the cycle record are, too.
 fn write_files(
     args: &RunArgs,
     cell: &LoadedCell,
@@ -256,21 +274,22 @@ fn write_files(
     summary: &mut Summary,
     folder: Option<&RunFolder>,
     truth: Option<&Truth>,
-) -> Result<()> {
+    lost: &mut Lost,
+) {
     let history = &summary.history;
     if let (Some(folder), Some(snapshot)) = (folder, &summary.snapshot) {
-        folder.check()?;
-        let (images, maps) = (&snapshot.images, &snapshot.maps);
-        let points = snapshot.points()?;
-        let run = RunFiles { cell, results, history, images, maps, points, truth };
-        run_files::files(folder.path(), &run)?;
+        match folder.check().and_then(|()| snapshot.points()) {
+            Ok(points) => {
+                let (images, maps) = (&snapshot.images, &snapshot.maps);
+                let run = RunFiles { cell, results, history, images, maps, points, truth };
+                lost.add(run_files::files(folder.path(), &run));
+            }
+            Err(error) => lost.add([error]),
+        }
     }
-    if let Some(error) = summary.unrecorded.take() {
-        return Err(error);
-    }
-    match &args.trace {
-        Some(file) => run_files::trace(file, cell, history),
-        None => Ok(()),
+    lost.add(summary.unrecorded.take());
+    if let Some(file) = &args.trace {
+        lost.add(run_files::trace(file, cell, history).err());
     }
 }
 
@@ -357,4 +376,21 @@ fn exit_code(cell: &Cell, summary: &Summary, options: &RunOptions) -> u8 {
             || summary.tally.not_pass > 0
             || summary.tally.not_run > 0,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::anyhow;
+
+    #[test]
+    fn what_is_lost_is_an_error_and_the_last_reason_ends_the_program() {
+        assert!(Lost::default().named().is_ok());
+        let mut lost = Lost::default();
+        lost.add(None);
+        lost.add([anyhow!("trace"), anyhow!("cloud")]);
+        lost.add(Some(anyhow!("json")));
+        assert_eq!(lost.0.len(), 3);
+        assert_eq!(lost.named().unwrap_err().to_string(), "json");
+    }
 }

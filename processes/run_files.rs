@@ -57,14 +57,12 @@ pub struct RunFiles<'a> {
     pub truth: Option<&'a Truth>,
 }
 
-/// Writes cloud, trace and report.
-pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
-    trace(&folder.join("trace.json"), run.cell, run.history)?;
-    if let Some(points) = run.points {
-        let measured = run.results.iter().rev().find(|result| result.is_ok());
-        cloud(&folder.join("cloud.ply"), run.cell, points, measured)?;
-    }
-    report(folder, run)
+/// Writes cloud, trace and report; returns why some of them are lost.
+pub fn files(folder: &Path, run: &RunFiles) -> Vec<anyhow::Error> {
+    let measured = run.results.iter().rev().find(|result| result.is_ok());
+    let cloud = run.points.map(|points| cloud(&folder.join("cloud.ply"), run.cell, points, measured));
+    let trace = trace(&folder.join("trace.json"), run.cell, run.history);
+    [Some(trace), cloud, Some(report(folder, run))].into_iter().flatten().filter_map(Result::err).collect()
 }
 
 /// Writes the fused cloud, with what its cycle says of the footprints.

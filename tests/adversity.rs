@@ -7,7 +7,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
 /// Runs a script as root of file systems of its own. `None`, said in one line, where the machine does not permit that.
-fn in_own_namespace(script: &str) -> Option<Output> {
+pub fn in_own_namespace(script: &str) -> Option<Output> {
     let inside = |command: &str| Command::new("unshare").args(["-rm", "sh", "-c", command]).output();
     if !inside("true").is_ok_and(|output| output.status.success()) {
         eprintln!("skipped: this machine permits no file systems of one's own (unshare -rm)");

@@ -15,6 +15,7 @@
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, a full disk, a closed output, another cell on the same machine
+//! - [`lost_places`]: no shared memory, none left, outputs of a run that cannot be written
 //! - [`limits`]: files that promise more than fits, memory and threads that are not there
 //! - [`other_user`]: another user of the machine; no processes, no file descriptors, no readers
 //! - [`every_command`]: standard output of every command: pure JSON, or an error when it is lost
@@ -94,6 +95,7 @@ mod hung_disk;
 mod lightcrafter;
 mod lights;
 mod limits;
+mod lost_places;
 mod oblique;
 mod offline;
 mod one_flow;

@@ -20,6 +20,7 @@ use guard::Guard;
 use ipc::cell::CellName;
 use ipc::os;
 use model::Model;
+use std::io::Read as _;
 use std::net::TcpListener;
 use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
@@ -28,6 +29,9 @@ use std::sync::Arc;
 
 /// Shortest and longest token, characters.
 const TOKEN_CHARS: std::ops::RangeInclusive<usize> = 16..=256;
+
+/// Longest file with a token, bytes; a device may have no end.
+const MAX_TOKEN_FILE: u64 = 4096;
 
 /// Arguments of the hidden subcommand `monitor`, written by the supervisor. Standard input is the socket that listens, standard
 /// output the one over which the supervisor reports.
@@ -101,8 +105,16 @@ pub fn run(args: &MonitorArgs) -> Result<()> {
 /// # Errors
 /// No file, or no token in it.
 pub fn read_token(file: &Path) -> Result<String> {
-    let text = std::fs::read_to_string(file)
+    let mut text = String::new();
+    std::fs::File::open(file)
+        .and_then(|opened| opened.take(MAX_TOKEN_FILE + 1).read_to_string(&mut text))
         .with_context(|| format!("--page-token {}: cannot read this file", file.display()))?;
+    if text.len() as u64 > MAX_TOKEN_FILE {
+        bail!(
+            "--page-token {}: longer than {MAX_TOKEN_FILE} bytes, which is the limit; name a file that holds the token and nothing else",
+            file.display()
+        );
+    }
     let token = text.trim();
     let plain = token.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_".contains(&b));
     if !plain || !TOKEN_CHARS.contains(&token.len()) {

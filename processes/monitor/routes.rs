@@ -10,7 +10,7 @@ use crate::supervisor::protocol::{Answer, Request, Status};
 use anyhow::{Result, bail};
 use axum::Router;
 use axum::body::Bytes;
-use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::extract::{DefaultBodyLimit, FromRequest as _, Path, Request as HttpRequest, State};
 use axum::http::{HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -26,6 +26,9 @@ use tokio::sync::broadcast::error::RecvError;
 
 /// Longest body of a request, bytes: the longest line of the command socket.
 const MAX_BODY: usize = 4096;
+
+/// Time limit for the body of a request: a body that never comes would hold the place of a connection.
+const BODY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Viewers that listen to events at once.
 const MAX_VIEWERS: usize = 64;
@@ -100,7 +103,7 @@ pub fn page(model: &Arc<Model>, guard: Guard) -> Router {
 }
 
 /// Lets a request pass or answers it, and adds the headers of every answer.
-async fn guarded(guard: Guard, request: axum::extract::Request, next: Next) -> Response {
+async fn guarded(guard: Guard, request: HttpRequest, next: Next) -> Response {
     let mut response = match guard.decide(request.method(), request.uri(), request.headers()) {
         Decision::Serve => next.run(request).await,
         Decision::KeepToken(cookie) => {
@@ -212,7 +215,17 @@ async fn fresh_status(shared: &Shared) -> Result<Arc<Status>> {
 }
 
 /// Passes a command on; what the cell answers is the body, the status is the kind of answer.
-async fn command(State(shared): State<Shared>, body: Bytes) -> Response {
+async fn command(State(shared): State<Shared>, request: HttpRequest) -> Response {
+    let body = match tokio::time::timeout(BODY_TIMEOUT, Bytes::from_request(request, &())).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(refused)) => return refused.into_response(),
+        Err(_) => {
+            return refuse(
+                StatusCode::REQUEST_TIMEOUT,
+                "the body did not come within 10 s, which is the limit",
+            );
+        }
+    };
     let request = match serde_json::from_slice(&body) {
         Ok(
             request @ (Request::Inspect { .. }

@@ -122,6 +122,11 @@ impl Supervisor<'_> {
         if self.connected.len() < self.stages.len() {
             return Ok(());
         }
+        // As with a stage that finds no room: it is started again, and after some times the cell gives up.
+        if let Err(reason) = self.ports.reserve() {
+            self.stages[stage].kill(&reason);
+            return Ok(());
+        }
         self.connect_ns = Some(now_ns());
         self.epoch += 1;
         self.command(Command::Populate, self.epoch)

@@ -17,6 +17,24 @@ impl Ports {
         Self { _services: services, node, lock }
     }
 
+    /// Takes all shared memory that the supervisor writes, so that none is missing when it sends a command.
+    ///
+    /// # Errors
+    /// There is not enough: touching it later would end the supervisor by a bus error.
+    pub(super) fn reserve(&self) -> Result<(), String> {
+        match ipc::os::populate_writable(&self.lock.name().segments()) {
+            // "Bad address" is what touching it would be.
+            Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
+                Err("no space for the buffers of the supervisor: /dev/shm is full; free space there or enlarge it".into())
+            }
+            Err(error) => {
+                tracing::warn!("cannot populate shared memory: {error}; the first cycles take longer");
+                Ok(())
+            }
+            Ok(_) => Ok(()),
+        }
+    }
+
     /// Releases the shared memory of dead processes.
     ///
     /// # Errors

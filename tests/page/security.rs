@@ -32,6 +32,11 @@ fn wrong_requests_get_their_status_and_change_nothing() {
         (inspect, "Sec-Fetch-Site: cross-site\r\n", 403),
         (r#"{"command":"stop"}"#, "", 403),
         (r#"{"command":"status"}"#, "", 403),
+        (r#"{"command":"state"}"#, "", 403),
+        (r#"{"command":"metrics"}"#, "", 403),
+        (r#"{"command":"spans"}"#, "", 403),
+        (r#"{"command":"watch"}"#, "", 403),
+        (r#"{"command":"begin"}"#, "", 403),
         (r#"{"command":"dance"}"#, "", 400),
         (r#"{"command":"inspect","part":"1","now":true}"#, "", 400),
         ("[", "", 400),
@@ -86,6 +91,8 @@ fn an_address_that_others_can_reach_needs_a_token() {
         assert_eq!(refused.status.code(), Some(2));
         assert!(text(&refused.stderr).contains("a token has 16 to 256"), "{}", text(&refused.stderr));
     }
+    let endless = cell.run("played.toml", &["--page", "0.0.0.0:0", "--page-token", "/dev/zero"]);
+    assert!(text(&endless.stderr).contains("/dev/zero: longer than 4096 bytes"), "{}", text(&endless.stderr));
     std::fs::write(&token, "0123456789abcdef\n").unwrap();
     let arguments = ["--page", "0.0.0.0:0", "--page-token", &token, "--serve"];
     let mut run = cell.program("played.toml", &arguments).spawn().unwrap();
@@ -137,4 +144,18 @@ fn the_metrics_alone_give_nothing_else() {
     half.read_to_string(&mut rest).unwrap();
     crate::running::signal("INT", run.id().into());
     wait(run);
+}
+
+/// Proves: a body that never comes holds its connection no longer than a head that never comes.
+#[test]
+fn a_body_that_never_comes_is_not_waited_for() {
+    let page = Page::serving("bodiless", &[]).ready();
+    let begin = std::time::Instant::now();
+    let head =
+        format!("POST /api/command HTTP/1.1\r\nHost: {}\r\nContent-Length: 20\r\n\r\n{{", page.address);
+    let answer = raw(page.address, head.as_bytes());
+    assert_eq!(answer.status, 408, "{}", answer.text());
+    assert!(answer.text().contains("within 10 s"), "{}", answer.text());
+    assert!(begin.elapsed().as_secs() < 40, "the connection was held for {:?}", begin.elapsed());
+    page.stop();
 }

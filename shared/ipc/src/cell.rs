@@ -122,7 +122,7 @@ impl CellLock {
     /// Takes the lock, then removes what a killed run left.
     ///
     /// # Errors
-    /// [`IpcError::Running`] if another supervisor holds it, [`IpcError::Untrusted`] if another user controls the folder,
+    /// [`IpcError::Running`] if another supervisor holds it, [`IpcError::NoSharedMemory`] without /dev/shm, [`IpcError::Untrusted`] if another user controls the folder,
     /// [`IpcError::File`] if the folder cannot be used.
     pub fn take(name: &CellName) -> Result<Self, IpcError> {
         let mut refusal = IpcError::Running { cell: name.0.clone(), pid: "unknown".into() };
@@ -259,7 +259,8 @@ fn letters(bits: u64, count: usize) -> String {
 fn try_lock(name: &CellName) -> Result<Option<(RuntimeFolder, File)>, IpcError> {
     let folder = match RuntimeFolder::create(&name.folder()) {
         Err(IpcError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
-            return Ok(None);
+            let is_there = Path::new(SHARED_MEMORY).is_dir();
+            return if is_there { Ok(None) } else { Err(IpcError::NoSharedMemory) };
         }
         other => other?,
     };

@@ -19,6 +19,11 @@ pub enum IpcError {
         /// Process id of its supervisor.
         pid: String,
     },
+    /// There is no folder for shared memory.
+    #[error(
+        "/dev/shm is missing, where the processes of a cell share memory; mount it: mount -t tmpfs -o mode=1777 tmpfs /dev/shm, in a container with --shm-size"
+    )]
+    NoSharedMemory,
     /// A file of the runtime folder cannot be used.
     #[error("{path}: {action} failed")]
     File {

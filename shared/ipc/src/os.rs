@@ -102,9 +102,21 @@ pub fn keep_freed_memory() {
 /// # Errors
 /// /proc cannot be read, or the kernel refuses, for instance without free memory.
 pub fn populate(prefix: &str) -> io::Result<u64> {
+    populate_some(|mapping| mapping.path.starts_with(prefix))
+}
+
+/// The same for those alone that this process may write: what it reads, others populate.
+///
+/// # Errors
+/// As [`populate`].
+pub fn populate_writable(prefix: &str) -> io::Result<u64> {
+    populate_some(|mapping| mapping.writable && mapping.path.starts_with(prefix))
+}
+
+fn populate_some(wanted: impl Fn(&Mapping) -> bool) -> io::Result<u64> {
     let mut bytes = 0;
     for line in std::fs::read_to_string("/proc/self/maps")?.lines() {
-        let Some(mapping) = Mapping::parse(line).filter(|m| m.path.starts_with(prefix)) else { continue };
+        let Some(mapping) = Mapping::parse(line).filter(&wanted) else { continue };
         // A read-only mapping is populated by reading.
         let advice = if mapping.writable { libc::MADV_POPULATE_WRITE } else { libc::MADV_POPULATE_READ };
         // SAFETY: the range is a whole mapping of this process; populating changes no byte. If another thread unmaps it first,
@@ -247,6 +259,15 @@ pub fn may_lock_memory(bytes: u64) -> io::Result<bool> {
     Ok(limit.rlim_cur >= bytes || held & (1 << CAP_IPC_LOCK) != 0)
 }
 
+/// Raises the number of files that this process, and those that it starts, may have open to the most that is allowed. Where the kernel
+/// refuses, it stays as it is.
+pub fn raise_open_files() {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let limit = getrlimit(Resource::Nofile);
+    // Too few are said where a file cannot be opened.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, maximum: limit.maximum });
+}
+
 /// Locks all present and future memory of this process: no page faults during a cycle.
 ///
 /// # Errors
@@ -344,6 +365,16 @@ mod tests {
         assert_eq!(Mapping::parse("7f00-7f80 r--p 00000000 00:00 0").map(|m| m.length), None);
         assert_eq!(Mapping::parse("7f80-7f00 r--s 00000000 00:1a 5 /x"), None);
         assert_eq!(populate("/no/such/file").unwrap(), 0);
+    }
+
+    #[test]
+    fn as_many_files_may_be_open_as_are_allowed() {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        let maximum = getrlimit(Resource::Nofile).maximum;
+        setrlimit(Resource::Nofile, Rlimit { current: Some(256), maximum }).unwrap();
+        raise_open_files();
+        let raised = getrlimit(Resource::Nofile);
+        assert_eq!((raised.current, raised.maximum), (maximum, maximum));
     }
 
     #[test]

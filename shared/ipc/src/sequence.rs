@@ -8,7 +8,8 @@
 use crate::cell::CellName;
 use crate::error::IpcError;
 use crate::runtime_folder::RuntimeFolder;
-use rustix::fs::OFlags;
+use rustix::fs::{FallocateFlags, OFlags, fallocate};
+use rustix::io::Errno;
 use std::fs::File;
 use std::io;
 use std::os::fd::AsRawFd;
@@ -56,8 +57,13 @@ impl SequenceGates {
         let folder = RuntimeFolder::open(&cell.folder())?;
         let flags = OFlags::RDWR | OFlags::CREATE | OFlags::EXCL;
         let file = folder.open_file(FILE, flags).map_err(|source| file_error(cell, "creating", source))?;
-        let resized = file.set_len((lanes * size_of::<Counter>()) as u64);
-        resized.map_err(|source| file_error(cell, "resizing", source))?;
+        let bytes = (lanes * size_of::<Counter>()) as u64;
+        file.set_len(bytes).map_err(|source| file_error(cell, "resizing", source))?;
+        // Now, while it is an error and no bus error at the first cycle.
+        match fallocate(&file, FallocateFlags::empty(), 0, bytes) {
+            Ok(()) | Err(Errno::OPNOTSUPP) => {}
+            Err(error) => return Err(file_error(cell, "reserving the memory of", error.into())),
+        }
         map(&file, lanes).map_err(|source| file_error(cell, "mapping", source))
     }
 
@@ -162,6 +168,8 @@ mod tests {
         let name = CellName::new(&format!("gates{}", std::process::id())).unwrap();
         let _lock = CellLock::take(&name).unwrap();
         let supervisor = SequenceGates::create(&name, 3).unwrap();
+        let blocks = std::os::unix::fs::MetadataExt::blocks(&name.folder().join(FILE).metadata().unwrap());
+        assert!(blocks > 0, "the first cycle needs shared memory that may not be there then");
         let stage = SequenceGates::open(&name, 3).unwrap();
         assert!(SequenceGates::open(&name, 2).is_err());
         supervisor.reset(0..3, 7);

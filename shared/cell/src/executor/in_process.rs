@@ -1,7 +1,7 @@
 //! One cycle through the same executors as the stages', in the order of the schedule, in one process.
 
 use super::matching::{PairMatcher, Views};
-use super::{ViewDecoder, ViewError, decoder, pair_matcher};
+use super::{ViewDecoder, ViewError, decoder, no_point, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
@@ -44,8 +44,8 @@ pub enum WorkError {
     #[error("{0} is missing")]
     Missing(String),
     /// No pair gives a point.
-    #[error("no point at all")]
-    NoPoint,
+    #[error("{0}")]
+    NoPoint(String),
     /// The result cannot be written as JSON.
     #[error(transparent)]
     Json(#[from] serde_json::Error),
@@ -154,8 +154,12 @@ impl<'a> InProcess<'a> {
             }
             Work::Fuse => {
                 let clouds: Vec<&[Point]> = self.clouds.iter().map(Vec::as_slice).collect();
-                self.fuser.fuse(&clouds, &self.cell.config.settings.fusion, &mut self.fused);
-                if self.fused.is_empty() { Err(WorkError::NoPoint) } else { Ok(cast_slice(&self.fused)) }
+                let settings = &self.cell.config.settings.fusion;
+                let report = self.fuser.fuse(&clouds, settings, &mut self.fused);
+                if report.points == 0 {
+                    return Err(WorkError::NoPoint(no_point(report, settings)));
+                }
+                Ok(cast_slice(&self.fused))
             }
             Work::Inspect => {
                 let recipe = self.cell.config.recipes.get(self.recipe);
