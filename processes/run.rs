@@ -152,10 +152,12 @@ fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
         }
         results.push_back(result.clone());
     })?;
+    // A disk that did not answer would not answer other outputs either, and nobody would learn of it.
+    if let Some(error) = summary.unwritten.take() {
+        return Err(error);
+    }
     let mut lost = Lost::default();
-    lost.add(summary.unwritten.take());
     if summary.tally.renew {
-        lost.named()?;
         terminal::print_note("the host that leads was started again: this host begins anew");
         return Ok(None);
     }
