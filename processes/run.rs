@@ -156,14 +156,13 @@ fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
     if let Some(error) = summary.unwritten.take() {
         return Err(error);
     }
-    let mut lost = Lost::default();
     if summary.tally.renew {
         terminal::print_note("the host that leads was started again: this host begins anew");
         return Ok(None);
     }
     let results: Vec<CycleResult> = results.into();
     print_tables(&cell, &results, truth);
-    write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth, &mut lost);
+    let mut lost = write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth);
     let code = exit_code(&cell, &summary, &options);
     lost.add(json::emit(args.json.as_deref(), &report(&cell, &summary, &results)).err());
     lost.named()?;
@@ -268,7 +267,7 @@ fn report<'a>(cell: &'a LoadedCell, summary: &'a Summary, results: &'a [CycleRes
     }
 }
 
-/// Writes the files at the end of a run, and says which are lost. Cycles that are missing in the cycle record are, too.
+/// Writes the files at the end of a run, and returns why some are lost. Cycles that are missing in the cycle record are, too.
 fn write_files(
     args: &RunArgs,
     cell: &LoadedCell,
@@ -276,8 +275,8 @@ fn write_files(
     summary: &mut Summary,
     folder: Option<&RunFolder>,
     truth: Option<&Truth>,
-    lost: &mut Lost,
-) {
+) -> Lost {
+    let mut lost = Lost::default();
     let history = &summary.history;
     if let (Some(folder), Some(snapshot)) = (folder, &summary.snapshot) {
         match folder.check().and_then(|()| snapshot.points()) {
@@ -293,6 +292,7 @@ fn write_files(
     if let Some(file) = &args.trace {
         lost.add(run_files::trace(file, cell, history).err());
     }
+    lost
 }
 
 /// What the monitor serves. Refuses an address that other machines can reach, unless that is wanted: metrics disclose rate and

@@ -16,7 +16,7 @@ pub fn in_own_namespace(script: &str) -> Option<Output> {
     Some(inside(script).unwrap())
 }
 
-fn programs() -> (&'static str, &'static str) {
+pub fn programs() -> (&'static str, &'static str) {
     (env!("CARGO_BIN_EXE_fringecell"), env!("CARGO_BIN_EXE_fringetool"))
 }
 

@@ -1,18 +1,17 @@
 //! Places that are not there or take no more: no shared memory, none left, outputs of a run that cannot be written.
 
-use crate::adversity::in_own_namespace;
+use crate::adversity::{in_own_namespace, programs};
 use crate::running::{Cell, json, text};
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_fringecell");
 
 #[test]
 fn without_shared_memory_the_message_says_so() {
     let cell = Cell::played("noshm", 0.0, "");
     let script = format!(
         "mount -t tmpfs none /dev || exit 9
-         {PROGRAM} run {} --cell {} --cycles 1; echo run $?",
-        cell.small.path("played.toml"),
-        cell.name
+         {program} run {config} --cell {name} --cycles 1; echo run $?",
+        program = programs().0,
+        config = cell.small.path("played.toml"),
+        name = cell.name
     );
     let Some(output) = in_own_namespace(&script) else { return };
     let (said, cried) = (text(&output.stdout), text(&output.stderr));
@@ -27,13 +26,14 @@ fn shared_memory_that_fills_up_before_the_first_part_costs_nothing() {
     let cell = Cell::played("ready", 0.0, "");
     let script = format!(
         "mount -t tmpfs -o size=80m shm /dev/shm || exit 9
-         {PROGRAM} run {config} --cell {name} --serve --out {out} & run=$!
-         until {PROGRAM} status {name} --once 2>/dev/null | grep -q Ready; do
+         {program} run {config} --cell {name} --serve --out {out} & run=$!
+         until {program} status {name} --once 2>/dev/null | grep -q Ready; do
            kill -0 $run 2>/dev/null || break; sleep 0.05
          done
          dd if=/dev/zero of=/dev/shm/fill bs=4k 2>/dev/null
-         for part in 1 2 3; do {PROGRAM} trigger {name} --part $part --patience 10 >/dev/null; echo part $?; done
-         rm /dev/shm/fill; {PROGRAM} stop {name}; wait $run; echo run $?; ls /dev/shm | wc -l",
+         for part in 1 2 3; do {program} trigger {name} --part $part --patience 10 >/dev/null; echo part $?; done
+         rm /dev/shm/fill; {program} stop {name}; wait $run; echo run $?; ls /dev/shm | wc -l",
+        program = programs().0,
         config = cell.small.path("played.toml"),
         out = cell.small.path("out"),
         name = cell.name

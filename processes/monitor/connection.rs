@@ -20,8 +20,8 @@ const MAX_CONNECTIONS: usize = 128;
 /// Longest request head, bytes; also what waits for one slow viewer.
 const MAX_BUFFER: usize = 16 * 1024;
 
-/// Time limit for the head of a request, and for the next request on a connection.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time limit for the head of a request, for its body, and for the next request on a connection.
+pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A viewer that takes nothing for this time is disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -52,7 +52,7 @@ pub async fn serve(listener: &TcpListener, router: Router, keep_alive: bool) {
         let service = TowerToHyperService::new(router.clone());
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new())
-            .header_read_timeout(HEAD_TIMEOUT)
+            .header_read_timeout(REQUEST_TIMEOUT)
             .max_buf_size(MAX_BUFFER)
             .keep_alive(keep_alive);
         let connection = http.serve_connection(TokioIo::new(Patient::new(stream)), service);

@@ -1,6 +1,7 @@
 //! What is served where. GET changes nothing; the one POST passes a command on to the command socket.
 
 use super::assets::{ASSETS, Asset};
+use super::connection::REQUEST_TIMEOUT;
 use super::guard::{Decision, Guard};
 use super::model::{Model, Viewer};
 use super::{performance, pictures, reports, view};
@@ -26,9 +27,6 @@ use tokio::sync::broadcast::error::RecvError;
 
 /// Longest body of a request, bytes: the longest line of the command socket.
 const MAX_BODY: usize = 4096;
-
-/// Time limit for the body of a request: a body that never comes would hold the place of a connection.
-const BODY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Viewers that listen to events at once.
 const MAX_VIEWERS: usize = 64;
@@ -216,14 +214,14 @@ async fn fresh_status(shared: &Shared) -> Result<Arc<Status>> {
 
 /// Passes a command on; what the cell answers is the body, the status is the kind of answer.
 async fn command(State(shared): State<Shared>, request: HttpRequest) -> Response {
-    let body = match tokio::time::timeout(BODY_TIMEOUT, Bytes::from_request(request, &())).await {
+    // A body that never comes would hold the place of a connection.
+    let body = match tokio::time::timeout(REQUEST_TIMEOUT, Bytes::from_request(request, &())).await {
         Ok(Ok(body)) => body,
         Ok(Err(refused)) => return refused.into_response(),
         Err(_) => {
-            return refuse(
-                StatusCode::REQUEST_TIMEOUT,
-                "the body did not come within 10 s, which is the limit",
-            );
+            let seconds = REQUEST_TIMEOUT.as_secs();
+            let reason = format!("the body did not come within {seconds} s, which is the limit");
+            return refuse(StatusCode::REQUEST_TIMEOUT, &reason);
         }
     };
     let request = match serde_json::from_slice(&body) {

@@ -149,21 +149,9 @@ impl StageContext {
     /// There is not enough memory: touching it later would kill the stage in the middle of a cycle.
     pub fn populate(&self) -> Result<()> {
         let begin = now_ns();
-        match ipc::os::populate(&self.segments) {
-            Ok(bytes) => {
-                let ms = (now_ns() - begin) / 1_000_000;
-                tracing::debug!(bytes, ms, "shared memory populated");
-            }
-            // "Bad address": touching the memory would be a bus error.
-            Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
-                anyhow::bail!(
-                    "no space for the buffers of this stage: /dev/shm is full; free space there or enlarge it"
-                );
-            }
-            // Page faults only slow the first cycles down.
-            Err(error) => {
-                tracing::warn!("cannot populate shared memory: {error}; the first cycles take longer");
-            }
+        if let Some(bytes) = populated(ipc::os::populate(&self.segments), "this stage")? {
+            let ms = (now_ns() - begin) / 1_000_000;
+            tracing::debug!(bytes, ms, "shared memory populated");
         }
         Ok(())
     }
@@ -382,4 +370,25 @@ fn dependents(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<B
 /// receiver, not the waiting sender.
 fn patience(cell: &Cell) -> Duration {
     Duration::from_millis(cell.config.limits.stage_budget_ms.saturating_mul(2))
+}
+
+/// How many bytes of shared memory were populated; `None`, with a warning, where they were not and page faults slow the first cycles down.
+/// `whose`: buffers, in words.
+///
+/// # Errors
+/// There is not enough memory.
+pub fn populated(bytes: std::io::Result<u64>, whose: &str) -> Result<Option<u64>> {
+    match bytes {
+        Ok(bytes) => Ok(Some(bytes)),
+        // "Bad address": touching the memory would be a bus error.
+        Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
+            anyhow::bail!(
+                "no space for the buffers of {whose}: /dev/shm is full; free space there or enlarge it"
+            )
+        }
+        Err(error) => {
+            tracing::warn!("cannot populate shared memory: {error}; the first cycles take longer");
+            Ok(None)
+        }
+    }
 }

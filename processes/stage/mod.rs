@@ -12,7 +12,7 @@ mod text_buffer;
 mod worker;
 
 pub use args::{StageArgs, check_files, short_hashes};
-pub use context::{Report, StageContext};
+pub use context::{Report, StageContext, populated};
 pub use fault::{Fault, cycle_fault};
 pub use inbox::Inbox;
 pub use text_buffer::TextBuffer;

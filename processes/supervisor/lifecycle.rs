@@ -124,7 +124,7 @@ impl Supervisor<'_> {
         }
         // As with a stage that finds no room: it is started again, and after some times the cell gives up.
         if let Err(reason) = self.ports.reserve() {
-            self.stages[stage].kill(&reason);
+            self.stages[stage].kill(&reason.to_string());
             return Ok(());
         }
         self.connect_ns = Some(now_ns());

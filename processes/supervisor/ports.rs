@@ -1,5 +1,7 @@
 //! The shared memory of a cell, held by the supervisor.
 
+use crate::stage::populated;
+use anyhow::Result;
 use ipc::IpcError;
 use ipc::cell::CellLock;
 use ipc::port::{Node, ServiceHandle};
@@ -21,18 +23,9 @@ impl Ports {
     ///
     /// # Errors
     /// There is not enough: touching it later would end the supervisor by a bus error.
-    pub(super) fn reserve(&self) -> Result<(), String> {
-        match ipc::os::populate_writable(&self.lock.name().segments()) {
-            // "Bad address" is what touching it would be.
-            Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
-                Err("no space for the buffers of the supervisor: /dev/shm is full; free space there or enlarge it".into())
-            }
-            Err(error) => {
-                tracing::warn!("cannot populate shared memory: {error}; the first cycles take longer");
-                Ok(())
-            }
-            Ok(_) => Ok(()),
-        }
+    pub(super) fn reserve(&self) -> Result<()> {
+        let bytes = ipc::os::populate_writable(&self.lock.name().segments());
+        populated(bytes, "the supervisor").map(drop)
     }
 
     /// Releases the shared memory of dead processes.

@@ -18,14 +18,13 @@ use tiff::tags::Tag;
 /// Damaged pixels; values below 0, above the full scale, or no numbers.
 pub(crate) fn read(path: &Path, full_scale_dn: Option<u16>) -> Result<Option<Frame>, FileError> {
     let (file, _) = open_input(path)?;
-    let mut source = BufReader::new(file);
-    refuse_pages(path, &mut source)?;
-    let Ok(mut decoder) = Decoder::new(source) else { return Ok(None) };
+    let Ok(mut decoder) = Decoder::new(BufReader::new(file)) else { return Ok(None) };
     let (Ok((width_px, height_px)), Ok(ColorType::Gray(32 | 64))) =
         (decoder.dimensions(), decoder.colortype())
     else {
         return Ok(None);
     };
+    refuse_pages(path, decoder.inner())?;
     if !(1..=65_535).contains(&width_px) || !(1..=65_535).contains(&height_px) {
         return Ok(None);
     }

@@ -44,7 +44,7 @@ const LAPLACIAN_POWER: f64 = 8.0 / 70.0;
 const LEAST_IN_GROUP: u32 = 20;
 /// A variance below this, px², moves no phase that could be measured.
 const LEAST_PX2: f64 = 0.005;
-/// Beyond this the expansion to second order does not hold and the image is out of focus.
+/// Beyond this the expansion does not hold and the image is out of focus; settings take no larger one either.
 const MOST_PX2: f64 = 1.0;
 
 /// Values of the widest vectors.

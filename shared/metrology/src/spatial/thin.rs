@@ -29,7 +29,12 @@ pub fn extent_and_least_edge_mm(points: &[Point]) -> (f64, f64) {
     let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
     let bounds = Aabb::of(&positions);
     let extent_mm = (bounds.high - bounds.low).max();
-    (extent_mm, extent_mm / CELLS_PER_AXIS)
+    (extent_mm, least_edge_mm(extent_mm))
+}
+
+/// The smallest edge of which the cubes over an extent can be numbered, mm.
+fn least_edge_mm(extent_mm: f64) -> f64 {
+    extent_mm / CELLS_PER_AXIS
 }
 
 /// Indices, ascending, of the first point in each cube of a grid with this edge, mm.
@@ -70,7 +75,7 @@ impl Grid {
     fn new(points: &[Point3<f64>], edge_mm: f64) -> Option<Self> {
         let ends = points.par_iter().with_min_len(CHUNK).map(|p| (*p, *p));
         let (low, high) = ends.reduce_with(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
-        let edge_mm = edge_mm.max((high - low).max() / CELLS_PER_AXIS).max(f64::MIN_POSITIVE);
+        let edge_mm = edge_mm.max(least_edge_mm((high - low).max())).max(f64::MIN_POSITIVE);
         let mut grid = Self { low, edge_mm, size: [1; 3] };
         grid.size = grid.cell(&high).map(|last| last + 1);
         Some(grid)

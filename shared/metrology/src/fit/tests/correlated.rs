@@ -6,13 +6,9 @@ use crate::fit::tests::uncertainty::mean_and_sd;
 /// Neighbouring points whose noise is their mean.
 const SHARED: usize = 10;
 
-const ESTIMATED: FitSettings<'_> = FitSettings { correlation: Correlation::Estimated, ..SETTINGS };
-const SETTINGS: FitSettings<'_> = FitSettings {
-    max_reject_fraction: 0.0,
-    within_mm: None,
-    correlation: Correlation::Independent,
-    shared_mm: &[],
-};
+fn estimated() -> FitSettings<'static> {
+    FitSettings { correlation: Correlation::Estimated, ..FitSettings::default() }
+}
 
 /// Moving means of independent values, mm.
 fn shared_noise(noise: &mut Noise, count: usize) -> Vec<f64> {
@@ -37,7 +33,7 @@ fn curves_with_shared_noise_scatter_as_stated() {
                 let (sin, cos) = fringe::math::sincos(std::f64::consts::TAU * i as f64 / count as f64);
                 Point3::new((10.0 + out[i]) * cos, (10.0 + out[i]) * sin, up[i])
             };
-            circle(&(0..count).map(point).collect::<Vec<_>>(), &ESTIMATED).unwrap()
+            circle(&(0..count).map(point).collect::<Vec<_>>(), &estimated()).unwrap()
         })
         .collect();
     let of = |f: fn(&CircleFit) -> f64| circles.iter().map(f).collect::<Vec<f64>>();
@@ -50,7 +46,7 @@ fn curves_with_shared_noise_scatter_as_stated() {
             let (mut noise, count) = (Noise(1000 + seed), 600);
             let [across, up] = [0; 2].map(|_| shared_noise(&mut noise, count));
             let point = |i: usize| Point3::new(0.1 * i as f64, across[i], up[i]);
-            line(&(0..count).map(point).collect::<Vec<_>>(), &ESTIMATED).unwrap()
+            line(&(0..count).map(point).collect::<Vec<_>>(), &estimated()).unwrap()
         })
         .collect();
     let of = |f: fn(&LineFit) -> f64| lines.iter().map(f).collect::<Vec<f64>>();
@@ -70,7 +66,7 @@ fn an_exact_grid_does_not_correlate_noise() {
                     |i: usize| Point3::new((i % 30) as f64, (i / 30) as f64, noise_mm * noise.normal());
                 let points: Vec<Point3<f64>> = (0..900).map(point).collect();
                 let u = |settings| plane(&points, &settings).unwrap().u_centroid_mm;
-                u(ESTIMATED) / u(SETTINGS)
+                u(estimated()) / u(FitSettings::default())
             })
             .collect();
         mean_and_sd(&ratios).0
