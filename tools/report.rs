@@ -76,6 +76,7 @@ pub struct DecodeLine {
     noise_gain_dn: f64,
     noise_source: &'static str,
     footprint_px: Option<f64>,
+    footprint_assumed: bool,
     contradiction: f64,
     wraps: usize,
     order_jumps: usize,
@@ -123,6 +124,7 @@ impl DecodeLine {
                 NoiseSource::Assumed => "assumed",
             },
             footprint_px: report.footprint_px,
+            footprint_assumed: report.footprint_assumed,
             contradiction: report.contradiction(),
             wraps: report.continuity.wraps,
             order_jumps: report.continuity.jumps,
@@ -168,7 +170,8 @@ impl fmt::Display for DecodeLine {
             )?;
         }
         if let Some(footprint_px) = self.footprint_px {
-            write!(f, "; footprint {footprint_px:.3} px")?;
+            let assumed = if self.footprint_assumed { " (that of any lens: assumed)" } else { "" };
+            write!(f, "; footprint {footprint_px:.3} px{assumed}")?;
         }
         // Less than one pixel in all is not reported.
         let Expected { wrong_orders_expected: wrong, wrong_orders_by_bits: by_bits, .. } = self.expected;

@@ -132,11 +132,11 @@ fn raise(
 
 impl Decoder {
     /// Bounced light in the map that was surveyed last; none is looked for without white and black, or where the settings ask for none.
-    /// `footprint_px`: what is known of the pixel's footprint.
+    /// `known_px2`: what is known of the footprint's variance.
     pub(super) fn find_bounce(
         &mut self,
         home: usize,
-        footprint_px: Option<f64>,
+        known_px2: Option<f64>,
         out: &mut PhaseViewMut,
     ) -> Bounced {
         let plan = &self.plan.axes[home];
@@ -146,9 +146,9 @@ impl Decoder {
         let reflectance = Reflectance { rasters: &self.rasters, levels, clipped_dn: self.clipped_dn };
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
-        let footprint_px2 = footprint_px.map_or(USUAL_LENS_PX2, |px| px * px) as f32;
+        let footprint_px2 = known_px2.unwrap_or(USUAL_LENS_PX2) as f32;
         // What light between surfaces and the second order leave of a footprint that is known.
-        let u_footprint_px2 = if footprint_px.is_some() { SCENE_U_PX2 } else { USUAL_LENS_U_PX2 };
+        let u_footprint_px2 = if known_px2.is_some() { SCENE_U_PX2 } else { USUAL_LENS_U_PX2 };
         let light = Light { reflectance, noise, steps, footprint_px2, u_footprint_px2 };
         let most_rad = self.settings.max_bounce_rad as f32;
         self.bounce.find(out, self.footprint.smooth(), &light, most_rad, self.level)

@@ -279,6 +279,7 @@ impl Light<'_> {
     ) {
         let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
         let of_steps = 2.0 / self.steps as f32;
+        let fourth = self.footprint_px2 * self.footprint_px2;
         let turns = self.steps as f32 / std::f32::consts::TAU;
         let [zero, one] = [0.0, 1.0].map(|value| S::f32s::simd_from(simd, value));
         for part in 0..LANES / S::f32s::LEN {
@@ -288,10 +289,12 @@ impl Light<'_> {
             let (x, y) = ((near(1) - near(0)) * 0.5, (near(3) - near(2)) * 0.5);
             let (range, modulation) = (light - dark, loaded(simd, line.modulation, first));
             let steep = (x * x + y * y) * 0.5;
-            let ratio = modulation / range * (steep * self.footprint_px2 + 1.0);
+            let ratio = modulation / range * grown::<S>(steep * self.footprint_px2);
             let of_modulation = ((light + dark) * (gain * 0.5) + read) * of_steps / (modulation * modulation);
             let of_range = ((light + dark) * gain + 2.0 * read) / (range * range);
-            let noise = ratio * ratio * (of_modulation + of_range);
+            // The slope of the phase has noise, too, of which half the variance of a phase (that of the modulation over its square).
+            let of_slope = of_modulation * (steep * fourth);
+            let noise = ratio * ratio * (of_modulation + of_slope + of_range);
             let counts = loaded(simd, line.smooth, first).is_finite()
                 & light.simd_lt(lit.clipped_dn)
                 & range.simd_gt(0.0)
@@ -364,6 +367,12 @@ fn store<const ALL: bool>(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: 
     for sum in wanted.iter().chain([&SCATTER]) {
         cells[sum * stride + first..][..GROUP].copy_from_slice(&found[*sum]);
     }
+}
+
+/// e^x to the fourth order, which is 0.4 % too small at 1 and 1e-4 at 0.4.
+#[inline(always)]
+fn grown<S: Simd>(x: S::f32s) -> S::f32s {
+    (((x * 0.25 + 1.0) * x * (1.0 / 3.0) + 1.0) * x * 0.5 + 1.0) * x + 1.0
 }
 
 /// A wave of period 1 that begins as a sine and differs from it by a thousandth at most.

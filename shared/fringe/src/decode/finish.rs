@@ -42,6 +42,9 @@ impl Decoder {
         if by_map && let Some(settled) = self.settle_by_map(home, out) {
             report = settled;
         }
+        if self.ask_small_part(home, out) {
+            report = self.pass(home, out);
+        }
         let mut frames = None;
         if self.suspects_code(home, &report, out) || self.axes[home].has_wrong_frames() {
             let proven = matches!(order, FrameOrder::Proven { .. }) && self.axes[home].code.is_none();
@@ -63,10 +66,12 @@ impl Decoder {
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         report.code_shift = self.code_shift(home, &report, out);
+        report.linearity = self.linearity(home, out);
         let removed = self.remove_footprint(home, out)?;
         (report.footprint_px, report.footprint_left_px2) = (removed.sigma_px, removed.left_px2);
+        report.footprint_assumed = removed.assumed;
         report.sensor.footprint = removed.test;
-        report.bounced = self.find_bounce(home, report.footprint_px, out);
+        report.bounced = removed.bounced;
         report.valid -= report.bounced.masked;
         Ok(report)
     }

@@ -21,15 +21,15 @@
 //! ```
 //!
 //! is a straight line against |∇φ|². The constant holds the projector's contrast and blur, which do not depend on the
-//! camera. The estimate is joined with what is known of lenses, by inverse variance. Where the surface is all of one slope
-//! there is no line, but nothing to correct either.
+//! camera. The estimate is joined with what is known of lenses, by inverse variance. Without white and black, or where the
+//! surface is all of one slope, there is no line, and only what is known of lenses counts.
 //!
 //! Derivatives of the phase are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
 use super::survey::{Bias, Survey};
-use super::{DecodeError, Decoder, FootprintTest};
+use super::{Bounced, DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::{loaded, put, vectorised};
 use crate::phase::PhaseViewMut;
@@ -74,12 +74,12 @@ pub struct Line {
 }
 
 impl Line {
-    /// Joined with what is known of lenses; `None` where it moves no phase.
-    pub fn joined_px2(self) -> Option<f64> {
+    /// Joined with what is known of lenses, px².
+    pub fn joined_px2(self) -> f64 {
         let (measured, known) =
             (1.0 / (self.u_px2 * self.u_px2), 1.0 / (USUAL_LENS_U_PX2 * USUAL_LENS_U_PX2));
         let variance_px2 = (measured * self.variance_px2 + known * USUAL_LENS_PX2) / (measured + known);
-        (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
+        variance_px2.min(MOST_PX2)
     }
 }
 
@@ -87,6 +87,10 @@ impl Line {
 pub(super) struct Removed {
     /// Its standard deviation, px; `None` where nothing was.
     pub sigma_px: Option<f64>,
+    /// Whether that is only what is known of lenses.
+    pub assumed: bool,
+    /// Light from other faces, which was looked for before.
+    pub bounced: Bounced,
     /// What is left, as in [`super::DecodeReport::footprint_left_px2`].
     pub left_px2: Option<f64>,
     /// What the frames say of it.
@@ -297,7 +301,7 @@ fn line(places: &[Place]) -> Option<(f64, f64)> {
 }
 
 impl Decoder {
-    /// Removes the bias of the pixel's footprint.
+    /// Removes the bias of the pixel's footprint, and looks for light from other faces on the way.
     pub(super) fn remove_footprint(
         &mut self,
         home: usize,
@@ -316,30 +320,32 @@ impl Decoder {
             levels,
             clipped_dn,
         });
-        // Neither given nor to be estimated from the frames: no derivative is needed, unless bounced light is looked for.
         let calibrated = self.settings.sensor.footprint.filter(|_| given_px.is_none());
-        let unknown = given_px.is_none() && calibrated.is_none() && reflectance.is_none();
-        let corrects = given_px != Some(0.0) && !unknown;
+        let corrects = given_px != Some(0.0);
+        // Nothing to take off: no derivative is needed, unless bounced light is looked for.
         if plan.sines.is_empty() || !(corrects || self.looks_for_bounce(home)) {
             let left_px2 = self.left_px2(0.0);
-            return Ok(Removed { sigma_px: None, left_px2, test: None });
+            let bounced = Bounced::default();
+            return Ok(Removed { sigma_px: None, assumed: false, bounced, left_px2, test: None });
         }
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
         let seen = self.footprint.survey(out, reflectance, shape, self.level);
-        let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
+        let assumed = corrects && known_px2.is_none() && seen.is_none();
+        let found_px2 = seen.map_or(USUAL_LENS_PX2, Line::joined_px2);
+        let moves = |variance_px2: &f64| known_px2.is_some() || *variance_px2 > LEAST_PX2;
+        let variance_px2 = Some(known_px2.unwrap_or(found_px2)).filter(|_| corrects).filter(moves);
+        // Of the slopes as they were seen: what is taken off follows the noise of the modulation, whose scatter shows the light.
+        let bounced = self.find_bounce(home, variance_px2.filter(|_| !assumed), out);
         if let Some(variance_px2) = variance_px2 {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
             self.footprint.correct(variance_px2, field_px2, out, self.level);
         }
-        // White and black that show no line: slopes are all alike, and little is left.
-        let found = calibrated.is_some() || reflectance.is_some();
-        let stated_px = given_px.or((!found).then_some(0.0));
-        let left_px2 = stated_px.and_then(|px| self.left_px2(px));
+        let left_px2 = given_px.and_then(|px| self.left_px2(px));
         let seen = seen.map(|line| (line.variance_px2, line.u_px2));
         let test = calibrated.zip(seen).map(|(known, seen)| super::sensor_test::footprint(known, seen));
-        Ok(Removed { sigma_px: variance_px2.map(f64::sqrt), left_px2, test })
+        Ok(Removed { sigma_px: variance_px2.map(f64::sqrt), assumed, bounced, left_px2, test })
     }
 
     /// What is left of the variance, px², where this standard deviation, px, is taken off, as far as it moves a phase.

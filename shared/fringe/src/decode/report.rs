@@ -6,6 +6,7 @@ use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
 use super::identity::FrameOrder;
+use super::linearity::Linearity;
 use super::motion::Motion;
 use super::noise_model::NoiseModel;
 use super::sensor_test::SensorTest;
@@ -34,7 +35,7 @@ impl DecodeReport {
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let moved = self.motion.and_then(|motion| motion.warning(camera));
         let stands_off = self.code_shift.and_then(|shift| shift.warning(camera));
-        let moved = moved.into_iter().chain(stands_off);
+        let moved = moved.into_iter().chain(stands_off).chain(self.bent_sine(camera));
         self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
     }
 
@@ -85,7 +86,9 @@ pub struct DecodeReport {
     pub noise: NoiseModel,
     /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.
     pub footprint_px: Option<f64>,
-    /// What is left of its variance, px², where neither the calibration's was removed nor what white and black show.
+    /// Whether that is of any lens in focus: neither rig file nor settings state one, and white and black do not show it.
+    pub footprint_assumed: bool,
+    /// What is left of its variance, px², where settings state what is removed and the calibration another one, or settings that nothing is.
     pub footprint_left_px2: Option<f64>,
     /// What the frames say of the camera's constants, where the calibration found them.
     pub sensor: SensorTest,
@@ -93,6 +96,8 @@ pub struct DecodeReport {
     pub motion: Option<Motion>,
     /// How far the frames of the code stand from the fringes, where frames that are all right tell.
     pub code_shift: Option<CodeShift>,
+    /// What white and black say of a sine of three steps.
+    pub linearity: Option<Linearity>,
     /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
     pub continuity: Continuity,
     /// Faults of the frames that were found and made up for.

@@ -6,7 +6,7 @@ use super::MeasureError;
 use super::criterion::Criterion;
 use super::fit_element::rms;
 use super::fitted_element::FittedElement;
-use super::flatness::u_range_mm;
+use super::flatness::OfUsed;
 use super::geometry::Geometry;
 use super::plan::Element;
 use crate::fit::{
@@ -132,7 +132,7 @@ pub(super) fn associated(
         Criterion::MaximumInscribed => Side::Inscribed,
         Criterion::MinimumCircumscribed => Side::Circumscribed,
     };
-    let u = u_touching_mm(fit.residuals(), rms(settings.shared_mm));
+    let u = u_touching_mm(fit.residuals(), fit.effect(), rms(settings.shared_mm));
     let replaced = match fit {
         FittedElement::Sphere(sphere) => sphere.replaced(&behind, side, u).map(FittedElement::Sphere),
         FittedElement::Cylinder(cylinder) => cylinder.replaced(&behind, side, u).map(FittedElement::Cylinder),
@@ -149,7 +149,7 @@ pub(super) fn associated(
 
 /// Standard uncertainty of a point that touches: that of one extreme, from the tail of the residuals, and what it may have in
 /// common with others.
-fn u_touching_mm(residuals: &Residuals, shared_mm: f64) -> f64 {
-    let of_noise = u_range_mm(&residuals.of_used(), 0, 1.0) * std::f64::consts::FRAC_1_SQRT_2;
+fn u_touching_mm(residuals: &Residuals, effect: f64, shared_mm: f64) -> f64 {
+    let of_noise = OfUsed::new(residuals, effect).extreme_mm;
     (of_noise * of_noise + shared_mm * shared_mm).sqrt()
 }

@@ -5,11 +5,12 @@
 //! of its two extremes (see [`u_range_mm`]), with that of the datum frame beside it.
 
 use nalgebra::{Point3, Vector3};
+use std::f64::consts::SQRT_2;
 
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::fit_element::Measured;
-use super::flatness::{u_range_mm, u_range_of_means_mm};
+use super::flatness::{OfUsed, u_range_mm, u_range_of_means_mm};
 use super::joint::{Base, Joint, Part};
 use super::location::{Value, in_datums};
 use super::substitute::Shape;
@@ -23,6 +24,9 @@ const FEWEST: usize = 10;
 
 /// Fewest points of a section of a run-out.
 const SECTION_LEAST: usize = 12;
+
+/// Places to which the residuals are moved: their scatter is known to an eighth.
+const SHIFTS: usize = 32;
 
 /// Cubes along one axis that a key holds, either side of zero.
 const MOST_CELLS: f64 = 1e15;
@@ -49,7 +53,7 @@ pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String>
                 let along = frame.rotation * in_datums(one, joint, parts)?.0.direction;
                 Ok(samples(joint, base, one, &|p| along.dot(&p.coords)))
             },
-            &|values| Ok((extremes(values)?, 1.0)),
+            &|values| Ok((extremes(values)?, false)),
         ),
         Kind::Profile => {
             let geometry = &joint.plan.elements[one.elements[0]].geometry;
@@ -62,9 +66,9 @@ pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String>
                 },
                 &|values| {
                     let [low, high] = extremes(values)?;
-                    // Twice the one extreme that decides: its scatter is that of a range over the root of two, doubled.
+                    // Twice the one extreme that decides.
                     let most = if high >= -low { [0.0, 2.0 * high] } else { [2.0 * low, 0.0] };
-                    Ok((most, std::f64::consts::SQRT_2))
+                    Ok((most, true))
                 },
             )
         }
@@ -157,6 +161,26 @@ fn u_of_range(values: &[f64], means: bool) -> f64 {
     if means { u_range_of_means_mm(&about) } else { u_range_mm(&about, 0, 1.0) }
 }
 
+/// The uncertainty of a range whose ends lie where the element itself does: few points are there, whose extreme scatters more than that of all
+/// points. Their residuals are moved along the points, so that others stand at the ends each time.
+fn u_of_slope(values: &[f64], residuals: &[f64]) -> f64 {
+    let count = values.len();
+    let range = |shift: usize| {
+        let moved = (0..count).map(|i| values[i] - residuals[i] + residuals[(i + shift) % count]);
+        let [low, high] = moved.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
+        high - low
+    };
+    let ranges: Vec<f64> = (1..=SHIFTS).map(|k| range(k * count / (SHIFTS + 1))).collect();
+    let mean = ranges.iter().sum::<f64>() / SHIFTS as f64;
+    (ranges.iter().map(|r| (r - mean) * (r - mean)).sum::<f64>() / (SHIFTS - 1) as f64).sqrt()
+}
+
+/// What the points used of an element span.
+fn of_used(base: &Base<'_>) -> Option<OfUsed> {
+    let effect = base.measured.map_or(1.0, |measured| measured.fit.effect());
+    base.residuals.map(|residuals| OfUsed::new(residuals, effect))
+}
+
 /// What errors in common do to a range of an element's points, mm.
 fn u_shared_mm(base: &Base<'_>) -> f64 {
     base.measured.map_or(0.0, Measured::u_range_shared_mm)
@@ -164,7 +188,8 @@ fn u_shared_mm(base: &Base<'_>) -> f64 {
 
 type Framed<'f> =
     &'f dyn Fn(&fringe::geometry::pose::Pose, &[Part], &Base<'_>) -> Result<Vec<Sample>, String>;
-type Reduced<'f> = &'f dyn Fn(&[f64]) -> Result<([f64; 2], f64), String>;
+/// Both ends of what the deviations span, and whether it is twice one extreme.
+type Reduced<'f> = &'f dyn Fn(&[f64]) -> Result<([f64; 2], bool), String>;
 
 /// A value of the points in the datum frame: its extremes' uncertainty, and that of the frame with the points held.
 fn framed(
@@ -185,12 +210,18 @@ fn framed(
         Ok(list(&frame(parts)?, parts, base)?.iter().map(|s| s.deviation).collect())
     };
     let here = values(&joint.measured())?;
-    let ([low, high], factor) = reduce(&here)?;
+    let ([low, high], of_one) = reduce(&here)?;
     let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
         let ([low, high], _) = reduce(&values(parts)?)?;
         Ok([high - low])
     })?;
-    let u_points = factor * u_of_range(&here, one.filter_mm.is_some());
+    let u_points = match of_used(base).filter(|u| one.filter_mm.is_none() && u.rejected > 0) {
+        // The ends are where points were left out.
+        Some(u) if of_one => 2.0 * u.extreme_mm,
+        Some(u) => u.range_mm,
+        // That of one extreme is that of a range over the root of two.
+        None => u_of_range(&here, one.filter_mm.is_some()) * if of_one { SQRT_2 } else { 1.0 },
+    };
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value: high - low, u, bonus_mm: None })
 }
@@ -205,10 +236,8 @@ fn form(
     let list = residuals(joint, base, one);
     let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
     let [low, high] = extremes(&values)?;
-    let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
-    let rejected = all.len() - base.used().count();
-    let u_points =
-        if one.filter_mm.is_some() { u_of_range(&values, true) } else { u_range_mm(all, rejected, 1.0) };
+    let of_points = of_used(base).map_or(0.0, |u| u.range_mm);
+    let u_points = if one.filter_mm.is_some() { u_of_range(&values, true) } else { of_points };
     let u = (u_points * u_points + u_shared_mm(base).powi(2)).sqrt();
     let value = match criterion {
         Criterion::MinimumZone => minimum_zone(base, &list)?,
@@ -305,7 +334,13 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
         Ok([range(&of(&list, key))?])
     })?;
     // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
-    let u_points = u_of_range(&of(&residuals(joint, base, one), key), one.filter_mm.is_some());
+    let whole = section_mm.is_none() && one.filter_mm.is_none();
+    let about = of(&residuals(joint, base, one), key);
+    let u_level = match of_used(base).filter(|u| whole && u.rejected > 0) {
+        Some(u) => u.range_mm,
+        None => u_of_range(&about, one.filter_mm.is_some()),
+    };
+    let u_points = u_level.max(u_of_slope(&of(&here, key), &about));
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value, u, bonus_mm: None })
 }

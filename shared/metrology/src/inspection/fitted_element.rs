@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::flatness::effect_of;
 use super::geometry::Geometry;
 use super::nominal_surface::SurfaceFit;
 use crate::fit::{
@@ -111,6 +112,11 @@ impl FittedElement {
     /// Form statistics of the points behind the fit.
     pub fn form(&self) -> &Form {
         each!(self, fit => &fit.form)
+    }
+
+    /// How many of its points carry the information of one, as far as it is told: of a plane.
+    pub(super) fn effect(&self) -> f64 {
+        if let Self::Plane(plane) = self { effect_of(plane) } else { 1.0 }
     }
 
     /// Residuals of the points behind the fit; empty of a result that was read.

@@ -6,7 +6,9 @@
 //! p = 2 that is the tail of Gaussian noise, with p = 1 a heavier one; the residuals themselves say by their likelihood
 //! which of the two they have.
 
+use crate::fit::{PlaneFit, Residuals};
 use fringe::math;
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Share of the points taken as the tail, and the limits of their number.
 const TAIL_SHARE: usize = 50;
@@ -17,10 +19,37 @@ const TAIL_MOST: usize = 40;
 const KIND_SHARE: usize = 10;
 const KIND_MOST: usize = 10_000;
 
+/// Standard uncertainties of what the points used of a fit span.
+pub(super) struct OfUsed {
+    /// Of max − min, mm.
+    pub range_mm: f64,
+    /// Of one extreme, mm.
+    pub extreme_mm: f64,
+    /// Points left out: none of the extremes is then the noise's own.
+    pub rejected: usize,
+}
+
+impl OfUsed {
+    /// From the residuals of all points. `effect` is how many points carry the information of one (variance with correlated noise over that
+    /// of independent noise).
+    pub fn new(residuals: &Residuals, effect: f64) -> Self {
+        let rejected = residuals.used.iter().filter(|used| !**used).count();
+        let range_mm = u_range_mm(&residuals.deviation_mm, rejected, effect);
+        // Each extreme scatters by itself, or both sit at the same cut.
+        let of_one = if rejected == 0 { FRAC_1_SQRT_2 } else { 0.5 };
+        Self { range_mm, extreme_mm: of_one * range_mm, rejected }
+    }
+}
+
+/// How many points of a plane carry the information of one: how much correlation widens its place against that of independent points.
+pub(super) fn effect_of(fit: &PlaneFit) -> f64 {
+    let independent = fit.form.form_sigma_mm * fit.form.form_sigma_mm / fit.form.points.max(1) as f64;
+    if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 }
+}
+
 /// Standard uncertainty of max − min over the points used.
 ///
-/// `deviations` are those of all points, the `rejected` ones of largest size were left out. `effect` is how many
-/// points carry the information of one (variance with correlated noise over that of independent noise).
+/// `deviations` are those of all points, the `rejected` ones of largest size were left out; `effect` as in [`OfUsed::new`].
 pub(super) fn u_range_mm(deviations: &[f64], rejected: usize, effect: f64) -> f64 {
     u_range(deviations, rejected, effect, false)
 }

@@ -1,7 +1,7 @@
 //! What a feature reads: a value with what the scatter of its points says of it, before anything is decided.
 
 use super::filter::Filtered;
-use super::flatness::u_range_mm;
+use super::flatness::{OfUsed, effect_of};
 use super::result::FlatnessFilter;
 use crate::fit::{Derived, Form, PlaneFit};
 
@@ -58,10 +58,7 @@ impl Reading {
 /// Range of the residuals kept, with its sigma beside it under its own name.
 pub(super) fn flatness(fit: &PlaneFit) -> Reading {
     let form = &fit.form;
-    // How much correlation widens the plane's place against that of independent points.
-    let independent = form.form_sigma_mm * form.form_sigma_mm / form.points.max(1) as f64;
-    let effect = if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 };
-    let u = u_range_mm(&fit.residuals.deviation_mm, form.rejected, effect);
+    let u = OfUsed::new(&fit.residuals, effect_of(fit)).range_mm;
     unfiltered(form, Reading::new(form.form_range_mm, u, &[form]))
 }
 

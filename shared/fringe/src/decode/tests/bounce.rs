@@ -110,3 +110,48 @@ fn nothing_else_is_taken_for_bounced_light() {
     (0..HEIGHT * WIDTH).step_by(40 * WIDTH + 40).for_each(|i| white[i] = white[i] / 4 * 3);
     assert!(found(scene, &faulty) < 2 * few);
 }
+
+/// Frames as a lens of this standard deviation, px, blurs them, in 8 bits with noise.
+fn blurred(scene: &Scene, sequence: &[PatternSet], sigma_px: f64) -> (Scene, Vec<Frame>) {
+    let shown = Scene { noise: (0.8, 0.02), ..scene.clone().eight_bits() };
+    let weights: Vec<f64> =
+        (-4..=4).map(|i| crate::math::exp(-0.5 * f64::from(i * i) / (sigma_px * sigma_px))).collect();
+    let total: f64 = weights.iter().sum();
+    let along = |values: &[f64], step: usize, at: usize, length: usize| -> f64 {
+        let place = at / step % length;
+        let of = |k: usize| (place + k).saturating_sub(4).min(length - 1);
+        (0..9).map(|k| weights[k] * values[at - place * step + of(k) * step]).sum::<f64>() / total
+    };
+    let mut random = Random(7);
+    let frames = scene.frames(sequence).into_iter().map(|sharp| {
+        let PixelBuffer::Mono16(sharp) = &sharp.pixels else { unreachable!("16 bits") };
+        let light: Vec<f64> =
+            sharp.iter().map(|grey| 20.0 + 150.0 * (f64::from(*grey) - 6000.0) / 50_000.0).collect();
+        let rows: Vec<f64> = (0..light.len()).map(|i| along(&light, 1, i, WIDTH)).collect();
+        let values = (0..light.len()).map(|i| {
+            let level = along(&rows, WIDTH, i, HEIGHT);
+            (level + (0.64 + 0.02 * level).sqrt() * random.normal()).round().clamp(0.0, 255.0) as u16
+        });
+        shown.frame(values.collect())
+    });
+    let frames = frames.collect();
+    (shown, frames)
+}
+
+/// Fine fringes on a ball lose the more modulation to a blur the steeper the ball is: by e^(−½ s² |∇φ|²), which a straight line in |∇φ|² does
+/// not explain.
+#[test]
+fn fine_fringes_through_a_blur_are_no_bounced_light() {
+    let sequence = demo(8.0, 7);
+    let coordinates = (0..WIDTH * HEIGHT).map(|i| {
+        let x = (i % WIDTH) as f64 / WIDTH as f64;
+        // From 0.8 to 1.6 columns a pixel.
+        WIDTH as f64 * (0.8 * x + 0.4 * x * x)
+    });
+    let ball = Scene::new(WIDTH, coordinates.collect(), EXTENT);
+    let (shown, frames) = blurred(&ball, &sequence, 0.85);
+    let (_, _, report) = of(&sequence, (shown, &frames), 0.05);
+    let bounced = report.bounced.raised + report.bounced.masked;
+    assert!(bounced < WIDTH * HEIGHT / 200, "{:?}", report.bounced);
+    assert!(report.footprint_px.is_some_and(|px| (px - 0.85).abs() < 0.03), "{:?}", report.footprint_px);
+}

@@ -93,7 +93,7 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
         let before = errors(&map, &surface_phase);
         let mut footprint = Footprint::new(WIDTH, map.info.len());
         let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
-        let found = found.and_then(Line::joined_px2).unwrap();
+        let found = found.map(Line::joined_px2).unwrap();
         assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
         footprint.correct(found, 0.0, &mut map.view_mut(), best_level());
         let after = errors(&map, &surface_phase);
@@ -116,7 +116,7 @@ fn fine_fringes_leave_no_bias_of_fourth_order() {
         let mut map = before.clone();
         let mut footprint = Footprint::new(WIDTH, map.info.len());
         let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
-        let found = found.and_then(Line::joined_px2).unwrap();
+        let found = found.map(Line::joined_px2).unwrap();
         assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
         footprint.fourth.iter_mut().for_each(|part| *part *= part_of_fourth);
         footprint.correct(found, 0.0, &mut map.view_mut(), best_level());
@@ -146,7 +146,7 @@ fn no_footprint_is_found_where_there_is_none_or_where_nothing_tells_it() {
     let (mut map, rasters) = blurred(0.0);
     let mut footprint = Footprint::new(WIDTH, map.info.len());
     let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
-    assert!(found.and_then(Line::joined_px2).is_none_or(|s2| s2 < 0.005), "{found:?}");
+    assert!(found.map(Line::joined_px2).is_none_or(|s2| s2 < 0.005), "{found:?}");
     map.valid.fill(0);
     assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level()), None);
 }
@@ -249,10 +249,15 @@ fn what_was_not_taken_off_is_told() {
             assert_eq!(rounded, expected, "{stated_px} px stated, known: {known}");
         }
     }
-    assert_eq!(told(without, None, false), (false, Some(0.2)), "nothing shows it");
-    // Of a flat part white and black show no footprint, and none is missed.
+    assert_eq!(
+        told(without, None, false),
+        (true, None),
+        "nothing shows it, and that of any lens is taken off"
+    );
+    // Of a flat part white and black show no footprint.
     let flat = super::Scene::ramp(WIDTH, HEIGHT, 1.0, 0.0, 512).eight_bits();
     let (_, report) =
         flat.decode_frames(&with_levels, &flat.frames(&with_levels), Axis::X, &DecodeSettings::default());
-    assert_eq!((report.footprint_px, report.footprint_off_px2()), (None, None));
+    let of_any_lens = (Some(0.2_f64.sqrt()), true, None);
+    assert_eq!((report.footprint_px, report.footprint_assumed, report.footprint_off_px2()), of_any_lens);
 }

@@ -135,3 +135,38 @@ fn four_steps_out_of_order_are_refused_and_a_gamma_is_not() {
         }
     }
 }
+
+/// Of a part that fills 0.3 % of the picture the probed pixels, one of nine, are too few: its noise is found from all of its pixels, by residuals or,
+/// of four steps, by neighbours; and the next map of the same decoder shows the same.
+#[test]
+fn the_noise_of_a_small_part_is_not_assumed() {
+    let (width, height, edge) = (640, 480, 32);
+    let mut scene = Scene::ramp(width, height, 0.8, 0.05, 608).eight_bits();
+    scene.noise = (3.0, 0.04);
+    for (steps, off) in [(8, 0.05), (4, 0.12)] {
+        let mut sequence = demo(8.0, 7);
+        sequence[0] = sine(Axis::X, 16.0, steps);
+        let mut frames = scene.frames(&sequence);
+        for frame in &mut frames {
+            let PixelBuffer::Mono8(values) = &mut frame.pixels else { unreachable!("8 bits") };
+            for (i, value) in values.iter_mut().enumerate() {
+                let inside = [i % width, i / width].iter().all(|at| (200..200 + edge).contains(at));
+                *value = if inside { *value } else { (i * 7919 % 5) as u8 };
+            }
+        }
+        let (map, report) = scene.decode_frames(&sequence, &frames, Axis::X, &DecodeSettings::default());
+        let stated_dn = (report.noise.read_variance_dn2 + report.noise.gain_dn * 110.0).sqrt();
+        let true_dn = (9.0_f64 + 1.0 / 12.0 + 0.04 * 110.0).sqrt();
+        assert!((stated_dn / true_dn - 1.0).abs() < off, "{steps} steps: {:?}", report.noise);
+        assert!(matches!(report.noise.source, NoiseSource::Estimated { .. }), "{:?}", report.noise);
+        assert!(report.valid > edge * edge * 9 / 10, "{}", report.valid);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (i, x) in scene.coordinates_px.iter().enumerate().filter(|(i, _)| map.valid[*i] == 1) {
+            let error = f64::from(map.phase_rad[i]) - x * std::f64::consts::TAU / 16.0;
+            (sum, count) = (sum + (error / f64::from(map.sigma_rad[i])).powi(2), count + 1.0);
+        }
+        let ratio = (sum / count).sqrt();
+        assert!((ratio - 1.0).abs() < 0.05 + off, "{steps} steps: {ratio}");
+        assert_eq!(report.bounced, Bounced::default());
+    }
+}

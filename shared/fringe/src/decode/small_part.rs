@@ -1,0 +1,70 @@
+//! The noise of a part so small that the probed pixels, every few of the picture, do not show it: then each of its own pixels is asked.
+
+use super::Decoder;
+use super::block::state;
+use super::noise_estimate::Probe;
+use super::probing::ProbeLimits;
+use super::rasters::Rasters;
+use crate::phase::PhaseViewMut;
+
+impl Probe {
+    /// Asks the valid pixels of a map, as far as there is room for them, in place of every few.
+    fn aim_at(&mut self, valid: &[u8]) {
+        let room = self.positions.len();
+        self.positions.clear();
+        let sure = valid.iter().enumerate().filter(|(_, valid)| **valid == state::SURE);
+        self.positions.extend(sure.map(|(index, _)| index).take(room));
+        self.begin();
+    }
+
+    /// Asks every few again.
+    fn aim_at_all(&mut self, pixels: usize) {
+        self.positions.clear();
+        self.positions.extend((0..pixels).step_by(self.stride));
+    }
+
+    /// Keeps the grey values of a step, wherever the positions are.
+    fn keep_each(&mut self, step: usize, raster: usize, rasters: &Rasters, pixels: usize) {
+        let count = self.positions.len();
+        let Some(kept) = self.frames.get_mut(step * count..(step + 1) * count) else { return };
+        for (kept, index) in kept.iter_mut().zip(&self.positions) {
+            *kept = rasters.value(raster, pixels, *index);
+        }
+    }
+}
+
+impl Decoder {
+    /// Whether the pixels of a small part gave the noise model that the probed ones did not; then the map was decoded with an assumption, and
+    /// is to be decoded again.
+    pub(super) fn ask_small_part(&mut self, home: usize, out: &PhaseViewMut) -> bool {
+        let given = self.settings.camera_noise.is_some() || self.settings.sensor.noise.is_some();
+        if given || self.axes[home].estimate.is_some() {
+            return false;
+        }
+        let limits = ProbeLimits {
+            least_modulation_dn: self.least_modulation_dn(),
+            clipped_dn: self.clipped_dn,
+            level: self.level,
+        };
+        let probe = &mut self.axes[home].probe;
+        // What the frames leave unexplained was judged before.
+        let judged = (probe.unexplained, probe.unexplained_of_four);
+        probe.aim_at(out.valid);
+        for (set, slot) in self.plan.axes[home].sines.iter().enumerate() {
+            if !self.findings[*slot].is_empty() {
+                continue;
+            }
+            for (step, raster) in self.plan.sines[*slot].rasters().enumerate() {
+                probe.keep_each(step, raster, &self.rasters, self.pixels);
+            }
+            probe.close_set(set, &self.sums[*slot], limits);
+        }
+        self.axes[home].estimate = probe.model();
+        self.axes[home].settled = false;
+        self.estimate_from_neighbours(home);
+        let probe = &mut self.axes[home].probe;
+        probe.aim_at_all(self.pixels);
+        (probe.unexplained, probe.unexplained_of_four) = judged;
+        self.axes[home].estimate.is_some()
+    }
+}
