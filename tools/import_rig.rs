@@ -73,6 +73,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let text = rig_text(&rig, &provenance, None);
     parse_rig(&args.out, text)?;
     write_rig(&args.out, &rig, &provenance, None)?;
+    if let Some(hint) = rig.unit_hint() {
+        eprintln!("warning: {}: {hint}; --unit-mm 1000 converts them", args.calibration.display());
+    }
     let (cameras, projectors) = (rig.cameras.len(), rig.projectors.len());
     println!("{}: {cameras} cameras, {projectors} projectors", args.out.display());
     let result = serde_json::json!({ "rig": args.out, "cameras": cameras, "projectors": projectors });

@@ -42,6 +42,12 @@ fn of_rig(args: &Args, recording: &Recording, path: &Path) -> Result<Task> {
     if let Err(fault) = rig.read_covariance() {
         eprintln!("{fault} (points do not need it)");
     }
+    if let Some(hint) = rig.rig.unit_hint() {
+        eprintln!(
+            "warning: {}: {hint}; `fringetool import-rig --unit-mm 1000` converts a calibration",
+            path.display()
+        );
+    }
     let pairs = match args.method {
         Method::Phase => camera_pairs(recording, &rig)?,
         Method::Projector => projector_pairs_or_fault(recording, &rig)?,

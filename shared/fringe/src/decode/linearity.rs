@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 const STEPS: u32 = 3;
 /// Pixels that are asked, about.
 const ASKED: usize = 4096;
-/// Fewest of them.
+/// Fewest of them that tell the mean.
 const LEAST: usize = 100;
 /// Beyond this part of white less black the mean is none of a sine: frames of several levels differ by some per cent for other reasons.
 const ODD: f64 = 0.05;

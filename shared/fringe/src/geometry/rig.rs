@@ -4,6 +4,9 @@ use crate::geometry::camera::Camera;
 use crate::sensor::Sensor;
 use std::collections::BTreeMap;
 
+/// Views that stand nearer than this to each other are rather given in metres, mm.
+const METRES_BELOW_MM: f64 = 5.0;
+
 /// A camera or projector with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
@@ -77,11 +80,50 @@ impl Rig {
     pub fn device(&self, name: &str) -> Option<&Camera> {
         self.camera(name).or_else(|| self.projector(name))
     }
+
+    /// A sentence for a rig whose views all stand so near to each other that its lengths seem to be metres instead of mm.
+    pub fn unit_hint(&self) -> Option<String> {
+        let centres: Vec<_> =
+            self.cameras.iter().chain(&self.projectors).map(|view| view.camera.centre_mm()).collect();
+        let bases = centres.iter().flat_map(|a| centres.iter().map(move |b| (a - b).norm()));
+        let longest_mm = bases.fold(0.0, f64::max);
+        (longest_mm > 0.0 && longest_mm < METRES_BELOW_MM).then(|| {
+            format!("no two views stand further apart than {longest_mm:.4} mm: are its lengths metres? they are read as mm")
+        })
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Pair, pictures};
+    use super::{Named, Pair, Rig, pictures};
+    use crate::geometry::camera::{Camera, Lens};
+    use nalgebra::Isometry3;
+
+    /// Views a fifth of a metre apart, in mm and in metres; a single view tells nothing.
+    #[test]
+    fn a_rig_in_metres_is_noticed() {
+        let rig = |at: &[f64]| Rig {
+            cameras: at.iter().map(|x| Named { name: x.to_string(), camera: camera_at(*x) }).collect(),
+            ..Rig::default()
+        };
+        for at in [&[0.0, 200.0][..], &[0.0, 0.1, 200.0], &[0.2], &[0.2, 0.2], &[]] {
+            assert_eq!(rig(at).unit_hint(), None, "{at:?}");
+        }
+        let hint = rig(&[0.0, 0.1, 0.2]).unit_hint().unwrap();
+        assert!(hint.contains("further apart than 0.2000 mm"), "{hint}");
+    }
+
+    fn camera_at(x: f64) -> Camera {
+        Camera {
+            width_px: 640,
+            height_px: 480,
+            focal_px: [1000.0; 2],
+            principal_point_px: [320.0, 240.0],
+            skew: 0.0,
+            distortion: Lens::default(),
+            camera_from_world: Isometry3::translation(-x, 0.0, 500.0),
+        }
+    }
 
     /// Proves: a picture is a camera under a projector, and a projector takes none.
     #[test]
