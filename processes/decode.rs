@@ -55,6 +55,8 @@ struct Counts<'a> {
     bounce_masked: usize,
     /// Blur that was removed, px; null where none was found.
     footprint_px: Option<f64>,
+    /// Whether that is of any lens in focus, since nothing shows it.
+    footprint_assumed: bool,
     /// By how much its variance differs from what was removed, px², where the frames contradict the rig file, or settings do, or nothing was removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     footprint_off_px2: Option<f64>,
@@ -177,6 +179,7 @@ impl Decode {
             bounce_raised: report.bounced.raised,
             bounce_masked: report.bounced.masked,
             footprint_px: report.footprint_px,
+            footprint_assumed: report.footprint_assumed,
             footprint_off_px2: report.footprint_off_px2(),
             ignored: &report.ignored,
             order: report.order,

@@ -24,7 +24,7 @@ use ipc::payload;
 use ipc::port::Received;
 use metrology::inspection::{self, FeatureResult, Plan};
 use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use twin::Truth;
 
@@ -69,6 +69,7 @@ pub fn files(folder: &Path, run: &RunFiles) -> Vec<anyhow::Error> {
 pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&CycleResult>) -> Result<()> {
     let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
     let cameras_off = result.map(cameras_off).and_then(|all| footprints_off::comment(&all));
+    let assumed = result.map(cameras_assumed).and_then(|all| footprints_off::assumed_comment(&all));
     let mut comments = vec![
         ("rig_sha256", cell.file.rig_sha256.as_str()),
         ("config_sha256", &cell.file.sha256),
@@ -79,6 +80,7 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
     let pairs = cloud_pairs::comment(&cell.config.rig.pairs);
     comments.push((cloud_pairs::COMMENT, &pairs));
     comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
+    comments.extend(assumed.as_ref().map(|text| (footprints_off::ASSUMED, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)
 }
 
@@ -86,12 +88,22 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
 fn cameras_off(result: &CycleResult) -> FootprintsOff {
     let mut all = FootprintsOff::new();
     for (output, report) in &result.reports {
-        let camera = output.strip_prefix("phase/").and_then(|rest| rest.split('/').next());
-        if let (Some(camera), Some(off_px2)) = (camera, report[footprints_off::COMMENT].as_f64()) {
+        if let (Some(camera), Some(off_px2)) = (camera_of(output), report[footprints_off::COMMENT].as_f64()) {
             footprints_off::add(&mut all, camera, off_px2);
         }
     }
     all
+}
+
+/// The cameras of which only what is known of any lens was taken off.
+fn cameras_assumed(result: &CycleResult) -> BTreeSet<String> {
+    let assumed = result.reports.iter().filter(|(_, report)| report[footprints_off::ASSUMED] == true);
+    assumed.filter_map(|(output, _)| camera_of(output)).map(str::to_owned).collect()
+}
+
+/// The camera of a phase map, by the name of that output.
+fn camera_of(output: &str) -> Option<&str> {
+    output.strip_prefix("phase/").and_then(|rest| rest.split('/').next())
 }
 
 /// Writes the times of all stages.

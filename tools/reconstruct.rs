@@ -318,9 +318,13 @@ fn write_cloud(
         off.for_each(|off_px2| footprints_off::add(&mut cameras_off, &view.camera, off_px2));
     }
     let cameras_off = footprints_off::comment(&cameras_off);
+    let assumed = |view: &&DecodedView| view.maps.iter().any(|decoded| decoded.report.footprint_assumed);
+    let assumed = views.iter().filter(assumed).map(|view| view.camera.clone()).collect();
+    let assumed = footprints_off::assumed_comment(&assumed);
     let pairs = cloud_pairs::comment(&task.pairs);
     comments.push((cloud_pairs::COMMENT, pairs.as_str()));
     comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
+    comments.extend(assumed.as_ref().map(|text| (footprints_off::ASSUMED, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 

@@ -144,7 +144,7 @@ fn load(recording: &Recording, projector: &str, camera: &str) -> Result<Taken> {
 
 impl View {
     fn new(taken: Taken, axis: Axis, case: String, other: Option<&Recording>) -> Result<Self> {
-        let plain = (DecodeSettings::default(), PhaseMethod::default());
+        let plain = (as_seen(&DecodeSettings::default()), PhaseMethod::default());
         let (own, _) = taken.decode(axis, &plain.0, plain.1)?;
         let period_px = own.info.period_px;
         let (map, kind) = match other {
@@ -187,7 +187,7 @@ impl View {
     fn halves_rad(&self) -> Result<f64> {
         let half = |first| {
             let half = self.taken.with_steps(|n| Steps::Even(n / 2, first).of(n))?;
-            Ok::<_, anyhow::Error>(half.decode(self.axis, &counting(), PhaseMethod::default())?.0)
+            Ok::<_, anyhow::Error>(half.decode(self.axis, &as_seen(&counting()), PhaseMethod::default())?.0)
         };
         let (even, odd) = (half(0)?, half(1)?);
         let differences = differences_rad(&even, &odd);
@@ -206,9 +206,14 @@ impl View {
         if row.whole_stripes {
             taken.leave_out_last_bit(self.axis)?;
         }
-        let (map, seconds) = taken.decode(self.axis, &row.settings, row.method)?;
+        let (map, seconds) = taken.decode(self.axis, &as_seen(&row.settings), row.method)?;
         Ok(Evaluated::new(&map, &differences_rad(&map, &self.map), self.reference.valid, seconds))
     }
+}
+
+/// Phases as they are seen: what is taken off for the footprint depends on what the noise lets through.
+fn as_seen(settings: &DecodeSettings) -> DecodeSettings {
+    DecodeSettings { footprint_px: Some(0.0), ..settings.clone() }
 }
 
 /// One map less another where both are valid, rad of the first one's sine; NaN elsewhere.

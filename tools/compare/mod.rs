@@ -125,9 +125,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let reference = if args.method == Method::Nearest { reference } else { faced(args, reference)? };
     let limit_mm = args.max_distance.unwrap_or(f64::INFINITY);
     let compared = match (args.method, &reference) {
-        (Method::Surface, _) => point_by_point(args, &points, compare(&points, &reference, limit_mm))?,
+        (Method::Surface, _) => {
+            point_by_point(args, (&points, &reference), compare(&points, &reference, limit_mm))?
+        }
         (Method::Nearest, _) => {
-            point_by_point(args, &points, compare_with_nearest(&points, &reference, limit_mm))?
+            let compared = compare_with_nearest(&points, &reference, limit_mm);
+            point_by_point(args, (&points, &reference), compared)?
         }
         (Method::M3c2, Reference::Cloud(cloud)) => m3c2::compare(args, &points, cloud)?,
         (Method::M3c2, Reference::Mesh(_)) => {
@@ -221,7 +224,11 @@ fn faced(args: &Args, reference: Reference) -> Result<Reference> {
 }
 
 /// Distances of single points.
-fn point_by_point(args: &Args, points: &[Point], compared: Comparison) -> Result<Compared> {
+fn point_by_point(
+    args: &Args,
+    (points, reference): (&[Point], &Reference),
+    compared: Comparison,
+) -> Result<Compared> {
     let Some(statistics) = compared.statistics else {
         let c = compared.counts;
         bail!(
@@ -236,7 +243,8 @@ fn point_by_point(args: &Args, points: &[Point], compared: Comparison) -> Result
     };
     let conformity = args.tolerance.and_then(|[lower_mm, upper_mm]| {
         let tolerance = Tolerance { lower_mm, upper_mm, allowed_share: args.allow_outside / 100.0 };
-        tolerance.judge(points, &compared.deviations)
+        let of_reference = reference.sigmas_mm(points, args.max_distance.unwrap_or(f64::INFINITY));
+        tolerance.judge(points, &of_reference, &compared.deviations)
     });
     let deviations_mm = compared.deviations.iter().map(|d| d.mm()).collect();
     Ok(Compared {

@@ -175,7 +175,7 @@ fn print(compared: &Compared) {
 
 /// Says that a verdict has no guard band.
 fn warn(args: &Args, compared: &Compared) {
-    if compared.conformity.is_some() && !has_uncertainties(&compared.points) {
+    if compared.conformity.is_some_and(|conformity| !conformity.has_guard_band()) {
         eprintln!(
             "warning: {}: has no uncertainties, so the verdict has no guard band; E57 and STL-derived clouds have none; use the PLY \
              of reconstruct",
@@ -184,21 +184,16 @@ fn warn(args: &Args, compared: &Compared) {
     }
 }
 
-/// Whether any point has an uncertainty.
-fn has_uncertainties(points: &[Point]) -> bool {
-    points.iter().any(|p| p.sigma_mm != 0.0)
-}
-
 /// The rows of the tolerance, where there is one.
 fn tolerance_rows(compared: &Compared) -> Option<Vec<[String; 3]>> {
-    compared.conformity.as_ref().map(|c| conformity_rows(c, has_uncertainties(&compared.points)))
+    compared.conformity.as_ref().map(conformity_rows)
 }
 
-fn conformity_rows(c: &Conformity, has_uncertainties: bool) -> Vec<[String; 3]> {
+fn conformity_rows(c: &Conformity) -> Vec<[String; 3]> {
     let row = |label: &str, value: String, meaning: &str| [label.to_owned(), value, meaning.to_owned()];
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
     let limits = format!("{} … {}", c.tolerance.lower_mm, c.tolerance.upper_mm);
-    let rule = if has_uncertainties {
+    let rule = if c.has_guard_band() {
         "by ISO 14253-1"
     } else {
         "without uncertainties of the points: simple acceptance, not by ISO 14253-1"
@@ -211,13 +206,9 @@ fn conformity_rows(c: &Conformity, has_uncertainties: bool) -> Vec<[String; 3]> 
         row(
             "Proven outside",
             percent(c.proven_outside_share),
-            "outside by more than 2 standard uncertainties of the point",
+            "outside by more than 2 standard uncertainties",
         ),
-        row(
-            "Possibly outside",
-            percent(c.possibly_outside_share),
-            "not inside by 2 standard uncertainties of the point",
-        ),
+        row("Possibly outside", percent(c.possibly_outside_share), "not inside by 2 standard uncertainties"),
         row("Below, above, too far", format!("{}, {}, {}", c.below, c.above, c.too_far), "points"),
         row(
             "Not judged",
@@ -227,7 +218,7 @@ fn conformity_rows(c: &Conformity, has_uncertainties: bool) -> Vec<[String; 3]> 
         row(
             "Largest guard band",
             format!("{:.5}", c.largest_guard_mm),
-            "mm; 0 of a cloud without uncertainties",
+            "mm, of point and reference; 0 where neither has uncertainties",
         ),
     ]
 }

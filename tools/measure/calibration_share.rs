@@ -31,8 +31,8 @@ pub fn with_calibration(
     unknown.retain(|name| rig_file.rig.sensor(name).footprint.is_none());
     if !unknown.is_empty() {
         eprintln!(
-            "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what an estimate from white and black may \
-             be wrong by; `fringetool calibrate` finds it",
+            "warning: {}: states no footprint_px of {}: the uncertainty of each feature holds what is open of it, estimated from \
+             white and black or assumed; `fringetool calibrate` finds it",
             rig_file.path.display(),
             unknown.join(", ")
         );
@@ -47,8 +47,7 @@ pub fn with_calibration(
 }
 
 /// What mends a footprint that differs from what was taken off.
-pub const REMEDY: &str =
-    "look at focus and dirt, record white and black, or state no footprint_px under [decode]";
+pub const REMEDY: &str = "look at focus and dirt, or state no footprint_px under [decode]";
 
 /// Says so of the cameras.
 pub fn other_footprint(cameras_off: &FootprintsOff) -> String {

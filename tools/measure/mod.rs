@@ -12,6 +12,7 @@ use files::cloud_pairs;
 use files::footprints_off::{self, FootprintsOff};
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
+use files::ply::Cloud;
 use files::provenance::Provenance;
 use files::rig_file::{RigFile, read_rig};
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
@@ -94,6 +95,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         result
     } else {
         warn(&cameras_off, &args.cloud);
+        warn_of_assumed(&cloud, &args.cloud)?;
         evaluate(&plan, &cloud.points)
     };
     let mut all = machine_readable(args, cloud.points.len(), &result)?;
@@ -149,6 +151,27 @@ fn warn(cameras_off: &FootprintsOff, path: &Path) {
             calibration_share::other_footprint(cameras_off)
         );
     }
+}
+
+/// Says so where only what is known of any lens was taken off the frames.
+fn warn_of_assumed(cloud: &Cloud, path: &Path) -> Result<()> {
+    let cameras = footprints_off::assumed_of_cloud(cloud).with_context(|| {
+        format!(
+            "{}: comment {} names no cameras: reconstruct the cloud again",
+            path.display(),
+            footprints_off::ASSUMED
+        )
+    })?;
+    if !cameras.is_empty() {
+        let names: Vec<&str> = cameras.iter().map(String::as_str).collect();
+        eprintln!(
+            "warning: {}: the footprint of {} is not known, and that of any lens in focus was taken off; the uncertainties do not hold what it differs by: \
+             calibrate the cameras and take it in with --rig, or record white and black",
+            path.display(),
+            names.join(", ")
+        );
+    }
+    Ok(())
 }
 
 /// Writes the reports that are wanted.

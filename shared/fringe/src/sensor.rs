@@ -79,8 +79,8 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// Standard uncertainty of the variance of the footprint that the decoder takes off, px². Of a camera without one, where each recording
-    /// with white and black finds its own, it is at most that of a lens in focus.
+    /// Standard uncertainty of the variance of the footprint that the decoder takes off, px². Of a camera without one it is that of any lens in
+    /// focus; where a recording with white and black finds its own, at most that.
     pub fn footprint_u_px2(&self) -> f64 {
         self.footprint.map_or(USUAL_LENS_U_PX2, |footprint| footprint.variance_px2().1)
     }

@@ -29,6 +29,8 @@ pub(super) struct AxisState {
     pub estimate: Option<NoiseModel>,
     /// Whether neighbours were asked about it.
     pub settled: bool,
+    /// Whether all pixels of a small part were asked about it.
+    pub asked_small_part: bool,
     /// What was found in the frames of the code, where they were looked at.
     pub code: Option<CodeVerdict>,
     /// The frames of the code, with room to compare their levels and their fringes.
@@ -58,6 +60,7 @@ impl AxisState {
             open_sets: sets.len(),
             estimate: None,
             settled: false,
+            asked_small_part: false,
             code: None,
             levels: Levels::of(code_frames.len()),
             code_frames,

@@ -147,7 +147,7 @@ impl Decoder {
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
         let footprint_px2 = known_px2.unwrap_or(USUAL_LENS_PX2) as f32;
-        // What light between surfaces and the second order leave of a footprint that is known.
+        // What light between surfaces and focus leave of a footprint that is known.
         let u_footprint_px2 = if known_px2.is_some() { SCENE_U_PX2 } else { USUAL_LENS_U_PX2 };
         let light = Light { reflectance, noise, steps, footprint_px2, u_footprint_px2 };
         let most_rad = self.settings.max_bounce_rad as f32;

@@ -17,7 +17,7 @@ const LEAST: f64 = 32.0;
 const CERTAIN: f64 = 3.0;
 /// So many of the nine windows that hold a cell have to show bounced light.
 const WITNESSES: u32 = 3;
-/// The ratio itself is no better than this part: levels of 8 bits, footprints beyond the second order.
+/// The ratio itself is no better than this part: levels of 8 bits, footprints that are no Gaussians.
 const MODEL: f64 = 0.004;
 /// What is explained is explained to this part: smooth changes are no straight lines.
 const BENT: f64 = 0.1;

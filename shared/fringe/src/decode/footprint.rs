@@ -21,8 +21,8 @@
 //! ```
 //!
 //! is a straight line against |∇φ|². The constant holds the projector's contrast and blur, which do not depend on the
-//! camera. The estimate is joined with what is known of lenses, by inverse variance. Without white and black, or where the
-//! surface is all of one slope, there is no line, and only what is known of lenses counts.
+//! camera. The estimate is joined with what is known of lenses, by inverse variance. Without white and black, and of parts too small for a
+//! line, only what is known of lenses counts. Where the surface is all of one slope there is no line either, but nothing to correct.
 //!
 //! Derivatives of the phase are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
 
@@ -83,6 +83,15 @@ impl Line {
     }
 }
 
+/// What the slopes of a surveyed map say of the footprint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slopes {
+    /// The line, where white and black and enough slopes give one.
+    pub line: Option<Line>,
+    /// Whether there is none since most pixels have one slope: then the footprint moves none of them.
+    pub are_alike: bool,
+}
+
 /// What was removed of the footprint.
 pub(super) struct Removed {
     /// Its standard deviation, px; `None` where nothing was.
@@ -119,15 +128,14 @@ impl Footprint {
         &mut bytemuck::cast_slice_mut(&mut self.bias)[..pixels]
     }
 
-    /// Derivatives of the whole map, and from them the variance s² of the footprint; `None` where the frames do
-    /// not determine it.
+    /// Derivatives of the whole map, and what they say of the variance s² of the footprint.
     pub fn survey(
         &mut self,
         map: &PhaseViewMut,
         reflectance: Option<Reflectance>,
         shape: [f32; 2],
         level: Level,
-    ) -> Option<Line> {
+    ) -> Slopes {
         let width = self.width;
         let survey = Survey { map, reflectance: reflectance.as_ref(), shape, width };
         let parts = self.bias.par_chunks_mut(ROWS * width).zip(self.fourth.par_chunks_mut(ROWS * width));
@@ -137,10 +145,10 @@ impl Footprint {
             let mut bias = Bias { second, fourth };
             vectorised!(level, |simd| survey.rows(simd, chunk * ROWS, &mut bias, bins));
         });
-        reflectance.and_then(|_| self.contrast())
+        if reflectance.is_some() { self.contrast() } else { Slopes { line: None, are_alike: false } }
     }
 
-    fn contrast(&self) -> Option<Line> {
+    fn contrast(&self) -> Slopes {
         let mut total = [[Sums::default(); GROUPS]; BINS];
         for job in &self.jobs {
             for (sum, part) in total.as_flattened_mut().iter_mut().zip(job.as_flattened()) {
@@ -149,12 +157,19 @@ impl Footprint {
         }
         let mut places = [Place { slope2: 0.0, log_contrast: 0.0, weight: 0.0 }; BINS];
         let mut count = 0;
-        for place in total.iter().filter_map(place) {
-            places[count] = place;
-            count += 1;
+        let (mut in_places, mut in_all) = (0, 0);
+        for groups in &total {
+            let pixels: u64 = groups.iter().map(|group| u64::from(group.count)).sum();
+            in_all += pixels;
+            if let Some(place) = place(groups) {
+                places[count] = place;
+                count += 1;
+                in_places += pixels;
+            }
         }
-        let (slope, u_slope) = line(&places[..count])?;
-        Some(Line { variance_px2: -2.0 * slope, u_px2: 2.0 * u_slope })
+        let line = line(&places[..count])
+            .map(|(slope, u_slope)| Line { variance_px2: -2.0 * slope, u_px2: 2.0 * u_slope });
+        Slopes { line, are_alike: line.is_none() && in_all > 0 && 2 * in_places > in_all }
     }
 
     /// Of each pixel of the map surveyed last: finite where its neighbourhood is one smooth surface.
@@ -331,13 +346,16 @@ impl Decoder {
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
-        let seen = self.footprint.survey(out, reflectance, shape, self.level);
-        let assumed = corrects && known_px2.is_none() && seen.is_none();
-        let found_px2 = seen.map_or(USUAL_LENS_PX2, Line::joined_px2);
+        let Slopes { line: seen, are_alike } = self.footprint.survey(out, reflectance, shape, self.level);
+        let unknown = known_px2.is_none() && seen.is_none();
+        let assumed = corrects && unknown && !are_alike;
+        let of_any_lens = if are_alike { 0.0 } else { USUAL_LENS_PX2 };
+        let found_px2 = seen.map_or(of_any_lens, Line::joined_px2);
         let moves = |variance_px2: &f64| known_px2.is_some() || *variance_px2 > LEAST_PX2;
         let variance_px2 = Some(known_px2.unwrap_or(found_px2)).filter(|_| corrects).filter(moves);
         // Of the slopes as they were seen: what is taken off follows the noise of the modulation, whose scatter shows the light.
-        let bounced = self.find_bounce(home, variance_px2.filter(|_| !assumed), out);
+        let known_px2 = Some(known_px2.unwrap_or(found_px2.max(0.0))).filter(|_| corrects && !unknown);
+        let bounced = self.find_bounce(home, known_px2, out);
         if let Some(variance_px2) = variance_px2 {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
             self.footprint.correct(variance_px2, field_px2, out, self.level);

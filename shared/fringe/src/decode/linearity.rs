@@ -50,11 +50,14 @@ impl Linearity {
     /// What a person should know, where the fringes are no sines; `camera` is named.
     pub(super) fn warning(&self, camera: &str) -> Option<String> {
         let Self { mean, gamma, most_rad } = self;
+        let [least, most] = EXPONENTS;
+        let within = *gamma > 1.01 * least && *gamma < 0.99 * most;
+        let how = if within { format!("of some {gamma:.1}") } else { format!("beyond {least} to {most}") };
         ((mean - 0.5).abs() > ODD).then(|| {
             format!(
-                "camera \"{camera}\": the mean of the {STEPS} steps stands at {:.0} % of white less black, that of a sine at 50 %: the projector's gamma \
-                 of some {gamma:.1} moves the phase by up to {most_rad:.2} rad, which its uncertainty does not hold; take four steps or more, linearise \
-                 the projector (`fringetool gamma`), or remove its harmonics (--remove-harmonics)",
+                "camera \"{camera}\": the mean of the {STEPS} steps stands at {:.0} % of white less black, that of a sine at 50 %: a gamma of the projector \
+                 {how} moves the phase by up to {most_rad:.2} rad, which its uncertainty does not hold; take four steps or more, linearise the projector \
+                 (`fringetool gamma`), or remove its harmonics (--remove-harmonics); if white and black alone had another light, record them anew",
                 100.0 * mean
             )
         })
@@ -74,7 +77,7 @@ impl Decoder {
         let slot = *plan.sines.first()?;
         let sine = &self.plan.sines[slot];
         let plain = sine.even && sine.steps == STEPS && sine.kind == SineKind::Plain;
-        if !plain || self.sums[slot].replaced.is_some() {
+        if !plain || self.sums[slot].replaced.is_some() || !self.findings[slot].is_empty() {
             return None;
         }
         let every = (self.pixels / ASKED).max(1) | 1;

@@ -239,6 +239,7 @@ impl Decoder {
             axis.open_sets = plan.sines.len();
             axis.estimate = None;
             axis.settled = false;
+            axis.asked_small_part = false;
             axis.code = None;
         }
     }

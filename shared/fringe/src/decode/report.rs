@@ -88,7 +88,8 @@ pub struct DecodeReport {
     pub footprint_px: Option<f64>,
     /// Whether that is of any lens in focus: neither rig file nor settings state one, and white and black do not show it.
     pub footprint_assumed: bool,
-    /// What is left of its variance, px², where settings state what is removed and the calibration another one, or settings that nothing is.
+    /// What is left of its variance, px²: where settings state what is removed and the calibration another one, where settings remove nothing, and of
+    /// an axis of a code alone.
     pub footprint_left_px2: Option<f64>,
     /// What the frames say of the camera's constants, where the calibration found them.
     pub sensor: SensorTest,

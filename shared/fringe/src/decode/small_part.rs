@@ -12,8 +12,10 @@ impl Probe {
     fn aim_at(&mut self, valid: &[u8]) {
         let room = self.positions.len();
         self.positions.clear();
-        let sure = valid.iter().enumerate().filter(|(_, valid)| **valid == state::SURE);
-        self.positions.extend(sure.map(|(index, _)| index).take(room));
+        let sure =
+            || valid.iter().enumerate().filter(|(_, valid)| **valid == state::SURE).map(|(index, _)| index);
+        let every = sure().count().div_ceil(room.max(1)).max(1);
+        self.positions.extend(sure().step_by(every));
         self.begin();
     }
 
@@ -38,7 +40,8 @@ impl Decoder {
     /// is to be decoded again.
     pub(super) fn ask_small_part(&mut self, home: usize, out: &PhaseViewMut) -> bool {
         let given = self.settings.camera_noise.is_some() || self.settings.sensor.noise.is_some();
-        if given || self.axes[home].estimate.is_some() {
+        let axis = &mut self.axes[home];
+        if given || axis.estimate.is_some() || std::mem::replace(&mut axis.asked_small_part, true) {
             return false;
         }
         let limits = ProbeLimits {
@@ -60,8 +63,11 @@ impl Decoder {
             probe.close_set(set, &self.sums[*slot], limits);
         }
         self.axes[home].estimate = probe.model();
-        self.axes[home].settled = false;
-        self.estimate_from_neighbours(home);
+        // Pixels side by side are too alike to lessen what residuals say.
+        if self.axes[home].estimate.is_none() {
+            self.axes[home].settled = false;
+            self.estimate_from_neighbours(home);
+        }
         let probe = &mut self.axes[home].probe;
         probe.aim_at_all(self.pixels);
         (probe.unexplained, probe.unexplained_of_four) = judged;

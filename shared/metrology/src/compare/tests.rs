@@ -243,3 +243,25 @@ fn m3c2_finds_a_step_and_says_what_is_significant() {
         assert!((level_mm - 1.96 * 0.02 * (2.0_f64 / 78.0).sqrt()).abs() < 5e-4, "{level_mm}");
     }
 }
+
+/// What a reference states where points are compared is that of its nearest point; a reference without uncertainties, and a point with none near,
+/// have 0.
+#[test]
+fn the_uncertainty_of_the_reference_is_that_of_its_nearest_point() {
+    let plain = cloud(torus, 3000, 0.0, 0.0, 11);
+    let stated: Vec<Point> =
+        (1..).zip(&plain).map(|(number, point)| Point { sigma_mm: number as f32, ..*point }).collect();
+    let points = cloud(torus, 300, 0.2, 0.0, 12);
+    let of = |reference: &[Point], points: &[Point]| {
+        let reference = CloudReference::new(reference, Vector3::z(), None).unwrap();
+        Reference::Cloud(reference).sigmas_mm(points, 5.0)
+    };
+    let nearest = |point: &Point| {
+        let apart = |other: &Point| (point.position() - other.position()).norm_squared();
+        stated.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap().sigma_mm
+    };
+    assert_eq!(of(&stated, &points), points.iter().map(nearest).collect::<Vec<f32>>());
+    assert_eq!(of(&plain, &points), vec![0.0; points.len()]);
+    let far = Point { position_mm: [0.0, 0.0, 900.0], ..points[0] };
+    assert_eq!(of(&stated, &[far]), [0.0]);
+}

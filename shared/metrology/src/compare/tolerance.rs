@@ -5,7 +5,7 @@ use crate::verdict::Verdict;
 use fringe::cloud::Point;
 use serde::Serialize;
 
-/// Guard band of a point in standard uncertainties: a coverage of 95 %.
+/// Guard band of a deviation in standard uncertainties: a coverage of 95 %.
 pub const GUARD_FACTOR: f64 = 2.0;
 
 /// Limits of the deviation, and the share of the points that may lie outside.
@@ -42,23 +42,38 @@ pub struct Conformity {
     pub proven_outside_share: f64,
     /// Share that does not lie inside by the guard band: possibly outside.
     pub possibly_outside_share: f64,
-    /// Guard band in standard uncertainties of a point.
+    /// Guard band in standard uncertainties of a deviation.
     pub guard_factor: f64,
-    /// Largest guard band of a point, mm; 0 of a cloud without uncertainties.
+    /// Largest guard band of a deviation, mm; 0 where neither cloud states uncertainties.
     pub largest_guard_mm: f64,
     /// By ISO 14253-1, of the shares.
     pub verdict: Verdict,
 }
 
+impl Conformity {
+    /// Whether any deviation has an uncertainty: else the verdict is a simple acceptance.
+    pub fn has_guard_band(&self) -> bool {
+        self.largest_guard_mm > 0.0
+    }
+}
+
 impl Tolerance {
-    /// Judges the deviations of some points; `None` where no point is judged.
-    pub fn judge(self, points: &[Point], deviations: &[Deviation]) -> Option<Conformity> {
+    /// Judges the deviations of some points from a reference whose standard uncertainty there is known, mm; `None` where no point is judged.
+    pub fn judge(
+        self,
+        points: &[Point],
+        reference_sigmas_mm: &[f32],
+        deviations: &[Deviation],
+    ) -> Option<Conformity> {
         let (mut below, mut above, mut too_far, mut not_judged) = (0, 0, 0, 0);
         let (mut proven, mut possible, mut largest_guard_mm) = (0_usize, 0_usize, 0.0_f64);
-        for (point, deviation) in points.iter().zip(deviations) {
+        let sigmas = points.iter().map(|point| point.sigma_mm).zip(reference_sigmas_mm);
+        for ((of_point, of_reference), deviation) in sigmas.zip(deviations) {
             // An uncertainty that is no number proves nothing.
-            let sigma_mm = f64::from(point.sigma_mm);
-            let guard_mm = if sigma_mm >= 0.0 { GUARD_FACTOR * sigma_mm } else { f64::INFINITY };
+            let (one, other) = (f64::from(of_point), f64::from(*of_reference));
+            let known = one >= 0.0 && other >= 0.0;
+            let guard_mm =
+                if known { GUARD_FACTOR * (one * one + other * other).sqrt() } else { f64::INFINITY };
             match deviation {
                 Deviation::Mm(mm) => {
                     largest_guard_mm = largest_guard_mm.max(guard_mm);
@@ -110,7 +125,8 @@ mod tests {
     fn judged(deviations: &[Deviation], sigma_mm: f32, allowed_share: f64) -> Option<Conformity> {
         let point = Point { sigma_mm, ..bytemuck::Zeroable::zeroed() };
         let points = vec![point; deviations.len()];
-        Tolerance { lower_mm: -0.1, upper_mm: 0.2, allowed_share }.judge(&points, deviations)
+        let exact = vec![0.0; deviations.len()];
+        Tolerance { lower_mm: -0.1, upper_mm: 0.2, allowed_share }.judge(&points, &exact, deviations)
     }
 
     #[test]
@@ -146,6 +162,25 @@ mod tests {
             let found = judged(&[Deviation::Mm(0.0), Deviation::Mm(9.0)], unknown, 0.0).unwrap();
             assert_eq!(found.verdict, Verdict::Indeterminate, "{unknown}");
         }
+    }
+
+    /// A reference of 0.04 mm beside points of 0.03 mm: a guard band of 0.1 mm.
+    #[test]
+    fn a_measured_reference_widens_the_guard_band() {
+        let point = Point { sigma_mm: 0.03, ..bytemuck::Zeroable::zeroed() };
+        let of = |mm: f64, reference: f32| {
+            let band = Tolerance { lower_mm: -0.2, upper_mm: 0.2, allowed_share: 0.0 };
+            band.judge(&[point], &[reference], &[Deviation::Mm(mm)]).unwrap()
+        };
+        assert!((of(0.0, 0.04).largest_guard_mm - 0.1).abs() < 1e-8);
+        assert_eq!(
+            [of(0.11, 0.0), of(0.11, 0.04), of(0.11, f32::NAN)].map(|found| found.verdict),
+            [Verdict::Pass, Verdict::Indeterminate, Verdict::Indeterminate]
+        );
+        assert_eq!(
+            [of(0.27, 0.0), of(0.27, 0.04)].map(|found| found.verdict),
+            [Verdict::Fail, Verdict::Indeterminate]
+        );
     }
 
     #[test]

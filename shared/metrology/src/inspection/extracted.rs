@@ -2,7 +2,7 @@
 //!
 //! A range of single points grows with their noise and their number. `filter_mm` takes the means over cubes of that edge
 //! instead; cells with less than a quarter of the median number of points are left out. The uncertainty of a range is that
-//! of its two extremes (see [`u_range_mm`]), with that of the datum frame beside it.
+//! of its two extremes (see [`u_range_mm`], and [`u_of_slope`] where the element itself makes the ends), with that of the datum frame beside it.
 
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::SQRT_2;
@@ -25,7 +25,7 @@ const FEWEST: usize = 10;
 /// Fewest points of a section of a run-out.
 const SECTION_LEAST: usize = 12;
 
-/// Places to which the residuals are moved: their scatter is known to an eighth.
+/// Places to which the residuals are moved: the scatter is known to an eighth.
 const SHIFTS: usize = 32;
 
 /// Cubes along one axis that a key holds, either side of zero.
@@ -163,22 +163,29 @@ fn u_of_range(values: &[f64], means: bool) -> f64 {
 
 /// The uncertainty of a range whose ends lie where the element itself does: few points are there, whose extreme scatters more than that of all
 /// points. Their residuals are moved along the points, so that others stand at the ends each time.
-fn u_of_slope(values: &[f64], residuals: &[f64]) -> f64 {
+fn u_of_slope(values: &[f64], residuals: &[f64], reduce: Reduced<'_>) -> f64 {
     let count = values.len();
+    let mean = values.iter().sum::<f64>() / count.max(1) as f64;
+    // Along a datum they may be counted the other way.
+    let side = values.iter().zip(residuals).map(|(v, r)| (v - mean) * r).sum::<f64>().signum();
     let range = |shift: usize| {
-        let moved = (0..count).map(|i| values[i] - residuals[i] + residuals[(i + shift) % count]);
-        let [low, high] = moved.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
-        high - low
+        let (behind, before) = residuals.split_at(shift);
+        let others = before.iter().chain(behind);
+        let own = values.iter().zip(residuals);
+        let moved: Vec<f64> = own.zip(others).map(|((v, own), other)| v + side * (other - own)).collect();
+        reduce(&moved).map(|([low, high], _)| high - low)
     };
-    let ranges: Vec<f64> = (1..=SHIFTS).map(|k| range(k * count / (SHIFTS + 1))).collect();
-    let mean = ranges.iter().sum::<f64>() / SHIFTS as f64;
-    (ranges.iter().map(|r| (r - mean) * (r - mean)).sum::<f64>() / (SHIFTS - 1) as f64).sqrt()
+    let shifts = SHIFTS.min(count.saturating_sub(1));
+    let ranges: Vec<f64> = (1..=shifts).filter_map(|k| range(k * count / (shifts + 1)).ok()).collect();
+    let mean = ranges.iter().sum::<f64>() / ranges.len().max(1) as f64;
+    let squares: f64 = ranges.iter().map(|r| (r - mean) * (r - mean)).sum();
+    (squares / ranges.len().saturating_sub(1).max(1) as f64).sqrt()
 }
 
-/// What the points used of an element span.
-fn of_used(base: &Base<'_>) -> Option<OfUsed> {
+/// What the points used of an element span, where it is asked for.
+fn of_used(base: &Base<'_>, asked: bool) -> Option<OfUsed> {
     let effect = base.measured.map_or(1.0, |measured| measured.fit.effect());
-    base.residuals.map(|residuals| OfUsed::new(residuals, effect))
+    base.residuals.filter(|_| asked).map(|residuals| OfUsed::new(residuals, effect))
 }
 
 /// What errors in common do to a range of an element's points, mm.
@@ -215,13 +222,15 @@ fn framed(
         let ([low, high], _) = reduce(&values(parts)?)?;
         Ok([high - low])
     })?;
-    let u_points = match of_used(base).filter(|u| one.filter_mm.is_none() && u.rejected > 0) {
+    let u_level = match of_used(base, one.filter_mm.is_none()).filter(|u| u.rejected > 0) {
         // The ends are where points were left out.
         Some(u) if of_one => 2.0 * u.extreme_mm,
         Some(u) => u.range_mm,
         // That of one extreme is that of a range over the root of two.
         None => u_of_range(&here, one.filter_mm.is_some()) * if of_one { SQRT_2 } else { 1.0 },
     };
+    let about: Vec<f64> = residuals(joint, base, one).iter().map(|s| s.deviation).collect();
+    let u_points = u_level.max(u_of_slope(&here, &about, reduce));
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value: high - low, u, bonus_mm: None })
 }
@@ -236,8 +245,8 @@ fn form(
     let list = residuals(joint, base, one);
     let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
     let [low, high] = extremes(&values)?;
-    let of_points = of_used(base).map_or(0.0, |u| u.range_mm);
-    let u_points = if one.filter_mm.is_some() { u_of_range(&values, true) } else { of_points };
+    let of_points = of_used(base, one.filter_mm.is_none()).map(|u| u.range_mm);
+    let u_points = of_points.unwrap_or_else(|| u_of_range(&values, true));
     let u = (u_points * u_points + u_shared_mm(base).powi(2)).sqrt();
     let value = match criterion {
         Criterion::MinimumZone => minimum_zone(base, &list)?,
@@ -336,11 +345,11 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
     // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
     let whole = section_mm.is_none() && one.filter_mm.is_none();
     let about = of(&residuals(joint, base, one), key);
-    let u_level = match of_used(base).filter(|u| whole && u.rejected > 0) {
+    let u_level = match of_used(base, whole).filter(|u| u.rejected > 0) {
         Some(u) => u.range_mm,
         None => u_of_range(&about, one.filter_mm.is_some()),
     };
-    let u_points = u_level.max(u_of_slope(&of(&here, key), &about));
+    let u_points = u_level.max(u_of_slope(&of(&here, key), &about, &|values| Ok((extremes(values)?, false))));
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value, u, bonus_mm: None })
 }

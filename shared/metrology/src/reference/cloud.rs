@@ -20,6 +20,8 @@ pub struct CloudReference {
     pub(crate) tree: PointTree,
     /// Normals of the file by slot; empty where the cloud has none.
     pub(super) given: Vec<[f32; 3]>,
+    /// Standard uncertainties of the file by slot, mm; empty where the cloud states none.
+    pub(super) sigmas_mm: Vec<f32>,
     /// Where the outside is when the cloud has no normals.
     towards: Vector3<f64>,
     pub(super) spacing_mm: f64,
@@ -44,14 +46,14 @@ impl CloudReference {
         if spacing_mm <= 0.0 {
             return Err(CloudError::Coincident);
         }
+        let by_slot = || tree.order().iter().map(|i| &points[*i as usize]);
         let has_normals = points.iter().any(|p| p.normal != [0.0; 3]);
-        let given = if has_normals {
-            tree.order().iter().map(|i| points[*i as usize].normal).collect()
-        } else {
-            Vec::new()
-        };
+        let given = if has_normals { by_slot().map(|p| p.normal).collect() } else { Vec::new() };
+        let states_sigmas = points.iter().any(|p| p.sigma_mm != 0.0);
+        let sigmas_mm = if states_sigmas { by_slot().map(|p| p.sigma_mm).collect() } else { Vec::new() };
         let radius_mm = radius_mm.unwrap_or(RADIUS_SPACINGS * spacing_mm);
-        Ok(Self { tree, given, towards, spacing_mm, radius_mm, normals: Vec::new(), normal_variance: 0.0 })
+        let normals = Vec::new();
+        Ok(Self { tree, given, sigmas_mm, towards, spacing_mm, radius_mm, normals, normal_variance: 0.0 })
     }
 
     /// Typical distance of its points, mm.

@@ -32,9 +32,7 @@ impl CloudReference {
     /// Signed distances of points up to a limit, in their order.
     pub(super) fn deviations(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
         let places = places(points);
-        let lateral = self.lateral_mm();
-        let reach_mm = (limit_mm * limit_mm + lateral * lateral).sqrt();
-        let nearest = self.tree.nearest_of_all(&places, reach_mm, self.spacing_mm);
+        let nearest = self.nearest(&places, limit_mm);
         // Those without a nearest point come last.
         let order = counted_order(&nearest, self.len() + 1);
         let near = order.partition_point(|index| (nearest[*index as usize] as usize) < self.len());
@@ -47,6 +45,19 @@ impl CloudReference {
             deviations[*index as usize] = deviation;
         }
         deviations
+    }
+
+    /// The nearest slot of each place whose deviation may be within a limit; none of the slots where there is none.
+    fn nearest(&self, places: &[Point3<f64>], limit_mm: f64) -> Vec<u32> {
+        let lateral = self.lateral_mm();
+        let reach_mm = (limit_mm * limit_mm + lateral * lateral).sqrt();
+        self.tree.nearest_of_all(places, reach_mm, self.spacing_mm)
+    }
+
+    /// What the nearest points of the reference state as their standard uncertainty, mm; 0 where none is near.
+    pub(super) fn sigmas_of_nearest(&self, points: &[Point], limit_mm: f64) -> Vec<f32> {
+        let nearest = self.nearest(&places(points), limit_mm);
+        nearest.iter().map(|slot| self.sigmas_mm.get(*slot as usize).copied().unwrap_or(0.0)).collect()
     }
 
     /// Distances of points from the nearest point of the reference up to a limit, in their order.

@@ -144,6 +144,15 @@ impl Reference {
         }
     }
 
+    /// Standard uncertainties of the reference where points have their deviation, in their order, mm: that which the nearest point of a measured
+    /// cloud states, 0 of a mesh and of a cloud without any. The surface through the points around has hardly ever a larger one.
+    pub fn sigmas_mm(&self, points: &[Point], limit_mm: f64) -> Vec<f32> {
+        match self {
+            Self::Cloud(cloud) if !cloud.sigmas_mm.is_empty() => cloud.sigmas_of_nearest(points, limit_mm),
+            Self::Cloud(_) | Self::Mesh(_) => vec![0.0; points.len()],
+        }
+    }
+
     /// Distances of points, without a sign, from the nearest point of a cloud or place of a mesh up to a limit, in their order. That from a
     /// cloud grows with the spacing of its points; also what lies beside the reference has one.
     pub fn distances_to_nearest(&self, points: &[Point], limit_mm: f64) -> Vec<Deviation> {
