@@ -295,6 +295,18 @@ fn axis(
     Ok((axis.point, axis.direction))
 }
 
+/// Largest range of a section with enough values, and which of so many sections it is.
+fn worst_section(values: &[f64], sections: &[usize], count: usize) -> Option<(f64, usize)> {
+    let mut ends = vec![(f64::INFINITY, f64::NEG_INFINITY, 0); count];
+    for (value, section) in values.iter().zip(sections) {
+        let (low, high, count) = ends[*section];
+        ends[*section] = (value.min(low), value.max(high), count + 1);
+    }
+    let enough = ends.iter().enumerate().filter(|(_, (_, _, count))| *count >= SECTION_LEAST);
+    let ranges = enough.map(|(section, (low, high, _))| (high - low, section));
+    ranges.reduce(|most, next| if next.0 > most.0 { next } else { most })
+}
+
 /// Range of the distances from the datum axis (of a plane: along it), over all points or the worst section.
 fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> Result<Value, String> {
     let base = points_of(joint, one)?;
@@ -315,41 +327,35 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
     };
     // Sections stay as they are while the axis is moved.
     let (here, keys) = list(&joint.measured())?;
-    let mut wanted: Vec<i64> = keys.clone();
-    wanted.sort_unstable();
-    wanted.dedup();
-    let of = |list: &[Sample], key: i64| -> Vec<f64> {
-        list.iter().zip(&keys).filter(|(_, k)| **k == key).map(|(s, _)| s.deviation).collect()
+    let mut known = keys.clone();
+    known.sort_unstable();
+    known.dedup();
+    let sections: Vec<usize> = keys.iter().map(|key| known.binary_search(key).unwrap_or_default()).collect();
+    let all = |list: &[Sample]| -> Vec<f64> { list.iter().map(|sample| sample.deviation).collect() };
+    let here = all(&here);
+    let worst = |values: &[f64]| {
+        worst_section(values, &sections, known.len()).ok_or_else(|| {
+            format!(
+                "no section with {SECTION_LEAST} values; a larger section_mm, a smaller filter_mm, or more points"
+            )
+        })
     };
-    let range = |values: &[f64]| extremes(values).map(|[low, high]| high - low);
-    let mut worst: Option<(f64, i64)> = None;
-    for key in wanted {
-        let values = of(&here, key);
-        if values.len() < SECTION_LEAST {
-            continue;
-        }
-        let width = range(&values)?;
-        if worst.is_none_or(|(most, _)| width > most) {
-            worst = Some((width, key));
-        }
-    }
-    let (value, key) = worst.ok_or_else(|| {
-        format!(
-            "no section with {SECTION_LEAST} values; a larger section_mm, a smaller filter_mm, or more points"
-        )
-    })?;
+    let (value, section) = worst(&here)?;
+    let in_section = |values: &[f64]| -> Vec<f64> {
+        values.iter().zip(&sections).filter(|(_, of)| **of == section).map(|(value, _)| *value).collect()
+    };
     let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
-        let (list, _) = list(parts)?;
-        Ok([range(&of(&list, key))?])
+        let [low, high] = extremes(&in_section(&all(&list(parts)?.0)))?;
+        Ok([high - low])
     })?;
     // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
     let whole = section_mm.is_none() && one.filter_mm.is_none();
-    let about = of(&residuals(joint, base, one), key);
+    let about = all(&residuals(joint, base, one));
     let u_level = match of_used(base, whole).filter(|u| u.rejected > 0) {
         Some(u) => u.range_mm,
-        None => u_of_range(&about, one.filter_mm.is_some()),
+        None => u_of_range(&in_section(&about), one.filter_mm.is_some()),
     };
-    let u_points = u_level.max(u_of_slope(&of(&here, key), &about, &|values| Ok((extremes(values)?, false))));
+    let u_points = u_level.max(u_of_slope(&here, &about, &|values| Ok(([0.0, worst(values)?.0], false))));
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value, u, bonus_mm: None })
 }
