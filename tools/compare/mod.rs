@@ -85,6 +85,13 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
+impl Args {
+    /// Largest distance that is compared, mm.
+    fn limit_mm(&self) -> f64 {
+        self.max_distance.unwrap_or(f64::INFINITY)
+    }
+}
+
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Method {
     /// Signed along the reference's normal, point by point.
@@ -123,7 +130,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (points, reference, alignment) = align(args, points, reference)?;
     // Without a sign no side is outside.
     let reference = if args.method == Method::Nearest { reference } else { faced(args, reference)? };
-    let limit_mm = args.max_distance.unwrap_or(f64::INFINITY);
+    let limit_mm = args.limit_mm();
     let compared = match (args.method, &reference) {
         (Method::Surface, _) => {
             point_by_point(args, (&points, &reference), compare(&points, &reference, limit_mm))?
@@ -243,7 +250,7 @@ fn point_by_point(
     };
     let conformity = args.tolerance.and_then(|[lower_mm, upper_mm]| {
         let tolerance = Tolerance { lower_mm, upper_mm, allowed_share: args.allow_outside / 100.0 };
-        let of_reference = reference.sigmas_mm(points, args.max_distance.unwrap_or(f64::INFINITY));
+        let of_reference = reference.sigmas_mm(points, args.limit_mm());
         tolerance.judge(points, &of_reference, &compared.deviations)
     });
     let deviations_mm = compared.deviations.iter().map(|d| d.mm()).collect();

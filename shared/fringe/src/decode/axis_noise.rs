@@ -112,13 +112,23 @@ impl Decoder {
         }
     }
 
-    /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
-    pub(super) fn probe_noise(&mut self, slot: usize) {
-        let limits = ProbeLimits {
+    /// What the frames of a sine set are held against.
+    pub(super) fn probe_limits(&self) -> ProbeLimits {
+        ProbeLimits {
             least_modulation_dn: self.least_modulation_dn(),
             clipped_dn: self.clipped_dn,
             level: self.level,
-        };
+        }
+    }
+
+    /// Whether settings or calibration state the noise.
+    pub(super) fn is_noise_given(&self) -> bool {
+        self.settings.camera_noise.is_some() || self.settings.sensor.noise.is_some()
+    }
+
+    /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
+    pub(super) fn probe_noise(&mut self, slot: usize) {
+        let limits = self.probe_limits();
         for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
             // Stairs are no sine of the axis: their phase jumps.
             let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
@@ -171,10 +181,9 @@ impl Decoder {
     /// Whether the decoded map itself tells if its pixels scatter as the residuals of the steps have it: they state its uncertainty, and nobody
     /// else was asked.
     pub(super) fn can_ask_the_map(&self, home: usize) -> bool {
-        let (plan, axis, settings) = (&self.plan.axes[home], &self.axes[home], &self.settings);
-        let given = settings.camera_noise.is_some() || settings.sensor.noise.is_some();
+        let (plan, axis) = (&self.plan.axes[home], &self.axes[home]);
         let finest = plan.sines.first().map(|slot| &self.sums[*slot]);
-        let open = !axis.settled && axis.estimate.is_some() && !given;
+        let open = !axis.settled && axis.estimate.is_some() && !self.is_noise_given();
         open && !plan.fused && plan.chain.is_some() && finest.is_some_and(Sums::are_even_steps)
     }
 

@@ -169,7 +169,7 @@ impl Footprint {
         }
         let line = line(&places[..count])
             .map(|(slope, u_slope)| Line { variance_px2: -2.0 * slope, u_px2: 2.0 * u_slope });
-        Slopes { line, are_alike: line.is_none() && in_all > 0 && 2 * in_places > in_all }
+        Slopes { line, are_alike: line.is_none() && 2 * in_places > in_all }
     }
 
     /// Of each pixel of the map surveyed last: finite where its neighbourhood is one smooth surface.
@@ -347,15 +347,12 @@ impl Decoder {
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
         let Slopes { line: seen, are_alike } = self.footprint.survey(out, reflectance, shape, self.level);
-        let unknown = known_px2.is_none() && seen.is_none();
-        let assumed = corrects && unknown && !are_alike;
-        let of_any_lens = if are_alike { 0.0 } else { USUAL_LENS_PX2 };
-        let found_px2 = seen.map_or(of_any_lens, Line::joined_px2);
+        let told_px2 = known_px2.or(seen.map(|line| line.joined_px2().max(0.0))).filter(|_| corrects);
+        let assumed = corrects && told_px2.is_none() && !are_alike;
         let moves = |variance_px2: &f64| known_px2.is_some() || *variance_px2 > LEAST_PX2;
-        let variance_px2 = Some(known_px2.unwrap_or(found_px2)).filter(|_| corrects).filter(moves);
+        let variance_px2 = told_px2.or(assumed.then_some(USUAL_LENS_PX2)).filter(moves);
         // Of the slopes as they were seen: what is taken off follows the noise of the modulation, whose scatter shows the light.
-        let known_px2 = Some(known_px2.unwrap_or(found_px2.max(0.0))).filter(|_| corrects && !unknown);
-        let bounced = self.find_bounce(home, known_px2, out);
+        let bounced = self.find_bounce(home, told_px2, out);
         if let Some(variance_px2) = variance_px2 {
             let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
             self.footprint.correct(variance_px2, field_px2, out, self.level);

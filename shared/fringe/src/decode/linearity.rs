@@ -4,8 +4,8 @@
 //! White and black show it: a sine has the mean of both, ((1 + cos φ)/2)^γ a lower one where γ is above 1. Its harmonics are known with γ: the second
 //! over the first is (γ − 1) / (γ + 2), by which three steps move the phase at most.
 
+use super::Decoder;
 use super::roles::SineKind;
-use super::{DecodeReport, Decoder};
 use crate::math::{cos, pow};
 use crate::phase::PhaseViewMut;
 use std::f64::consts::TAU;
@@ -95,13 +95,6 @@ impl Decoder {
     }
 }
 
-impl DecodeReport {
-    /// Says so where three steps saw no sine.
-    pub(super) fn bent_sine(&self, camera: &str) -> Option<String> {
-        self.linearity.and_then(|linearity| linearity.warning(camera))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -116,7 +109,7 @@ mod tests {
             assert!((found.most_rad - (gamma - 1.0) / (gamma + 2.0)).abs() < 1e-6, "{found:?}");
             assert_eq!(found.warning("cam1").is_some(), gamma > 1.0);
         }
-        // Nothing that frames may show is beyond the exponents.
+        // Means that no exponent gives end at the first or the last one.
         for mean in [-1.0, 0.0, 0.9, 2.0, f64::NAN] {
             assert!(Linearity::of(mean).gamma.is_finite());
         }

@@ -35,7 +35,8 @@ impl DecodeReport {
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let moved = self.motion.and_then(|motion| motion.warning(camera));
         let stands_off = self.code_shift.and_then(|shift| shift.warning(camera));
-        let moved = moved.into_iter().chain(stands_off).chain(self.bent_sine(camera));
+        let bent = self.linearity.and_then(|linearity| linearity.warning(camera));
+        let moved = moved.into_iter().chain(stands_off).chain(bent);
         self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
     }
 

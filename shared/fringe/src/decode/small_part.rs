@@ -3,7 +3,6 @@
 use super::Decoder;
 use super::block::state;
 use super::noise_estimate::Probe;
-use super::probing::ProbeLimits;
 use super::rasters::Rasters;
 use crate::phase::PhaseViewMut;
 
@@ -39,16 +38,11 @@ impl Decoder {
     /// Whether the pixels of a small part gave the noise model that the probed ones did not; then the map was decoded with an assumption, and
     /// is to be decoded again.
     pub(super) fn ask_small_part(&mut self, home: usize, out: &PhaseViewMut) -> bool {
-        let given = self.settings.camera_noise.is_some() || self.settings.sensor.noise.is_some();
+        let (given, limits) = (self.is_noise_given(), self.probe_limits());
         let axis = &mut self.axes[home];
         if given || axis.estimate.is_some() || std::mem::replace(&mut axis.asked_small_part, true) {
             return false;
         }
-        let limits = ProbeLimits {
-            least_modulation_dn: self.least_modulation_dn(),
-            clipped_dn: self.clipped_dn,
-            level: self.level,
-        };
         let probe = &mut self.axes[home].probe;
         // What the frames leave unexplained was judged before.
         let judged = (probe.unexplained, probe.unexplained_of_four);

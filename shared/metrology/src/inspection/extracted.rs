@@ -116,6 +116,11 @@ fn residuals(joint: &Joint<'_>, base: &Base<'_>, one: &Characteristic) -> Vec<Sa
     one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)))
 }
 
+/// The deviations alone, in the order of their samples.
+fn deviations(samples: &[Sample]) -> Vec<f64> {
+    samples.iter().map(|sample| sample.deviation).collect()
+}
+
 /// The nominal surface of a measured element, on which cubes divide its points.
 fn nominal_of<'j>(joint: &'j Joint<'_>, one: &Characteristic) -> impl Fn(&Vector3<f64>) -> Vector3<f64> + 'j {
     let geometry = &joint.plan.elements[one.elements[0]].geometry;
@@ -213,9 +218,8 @@ fn framed(
             translation: Vector3::zeros(),
         }),
     };
-    let values = |parts: &[Part]| -> Result<Vec<f64>, String> {
-        Ok(list(&frame(parts)?, parts, base)?.iter().map(|s| s.deviation).collect())
-    };
+    let values =
+        |parts: &[Part]| -> Result<Vec<f64>, String> { Ok(deviations(&list(&frame(parts)?, parts, base)?)) };
     let here = values(&joint.measured())?;
     let ([low, high], of_one) = reduce(&here)?;
     let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
@@ -229,7 +233,7 @@ fn framed(
         // That of one extreme is that of a range over the root of two.
         None => u_of_range(&here, one.filter_mm.is_some()) * if of_one { SQRT_2 } else { 1.0 },
     };
-    let about: Vec<f64> = residuals(joint, base, one).iter().map(|s| s.deviation).collect();
+    let about = deviations(&residuals(joint, base, one));
     let u_points = u_level.max(u_of_slope(&here, &about, reduce));
     let u = (u_points * u_points + u_shared_mm(base).powi(2) + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value: high - low, u, bonus_mm: None })
@@ -243,7 +247,7 @@ fn form(
     criterion: Criterion,
 ) -> Result<Value, String> {
     let list = residuals(joint, base, one);
-    let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
+    let values = deviations(&list);
     let [low, high] = extremes(&values)?;
     let of_points = of_used(base, one.filter_mm.is_none()).map(|u| u.range_mm);
     let u_points = of_points.unwrap_or_else(|| u_of_range(&values, true));
@@ -331,8 +335,7 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
     known.sort_unstable();
     known.dedup();
     let sections: Vec<usize> = keys.iter().map(|key| known.binary_search(key).unwrap_or_default()).collect();
-    let all = |list: &[Sample]| -> Vec<f64> { list.iter().map(|sample| sample.deviation).collect() };
-    let here = all(&here);
+    let here = deviations(&here);
     let worst = |values: &[f64]| {
         worst_section(values, &sections, known.len()).ok_or_else(|| {
             format!(
@@ -345,12 +348,12 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
         values.iter().zip(&sections).filter(|(_, of)| **of == section).map(|(value, _)| *value).collect()
     };
     let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
-        let [low, high] = extremes(&in_section(&all(&list(parts)?.0)))?;
+        let [low, high] = extremes(&in_section(&deviations(&list(parts)?.0)))?;
         Ok([high - low])
     })?;
     // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
     let whole = section_mm.is_none() && one.filter_mm.is_none();
-    let about = all(&residuals(joint, base, one));
+    let about = deviations(&residuals(joint, base, one));
     let u_level = match of_used(base, whole).filter(|u| u.rejected > 0) {
         Some(u) => u.range_mm,
         None => u_of_range(&in_section(&about), one.filter_mm.is_some()),

@@ -89,6 +89,26 @@ fn the_noise_model_is_found_beside_the_harmonics_of_a_gamma() {
     }
 }
 
+/// Three steps let the second harmonic of a gamma into the phase, which white and black tell; more steps need no warning.
+#[test]
+fn three_steps_of_a_gamma_are_told() {
+    let mut scene = Scene::ramp(300, 100, 0.9, 0.05, 608).eight_bits();
+    scene.noise = (1.5, 0.0);
+    let told = |steps: u32, gamma: f64| {
+        let mut sequence = demo(8.0, 7);
+        sequence[0] = sine(Axis::X, 16.0, steps);
+        let frames = gamma_frames(&scene, gamma, &sequence);
+        let (_, report) = scene.decode_frames(&sequence, &frames, Axis::X, &DecodeSettings::default());
+        let warned = report.warnings("cam1").iter().any(|warning| warning.contains("gamma of the projector"));
+        (report.linearity.map(|linearity| linearity.gamma), warned)
+    };
+    let (gamma, warned) = told(3, 2.2);
+    assert!(warned && gamma.is_some_and(|gamma| (gamma - 2.2).abs() < 0.1), "{gamma:?}");
+    let (gamma, warned) = told(3, 1.0);
+    assert!(!warned && gamma.is_some_and(|gamma| (gamma - 1.0).abs() < 0.1), "{gamma:?}");
+    assert_eq!(told(5, 2.2), (None, false));
+}
+
 #[test]
 fn outliers_do_not_reach_the_noise_model() {
     let mut scene = Scene::ramp(600, 150, 0.9, 0.05, 608).eight_bits();
@@ -137,7 +157,7 @@ fn four_steps_out_of_order_are_refused_and_a_gamma_is_not() {
 }
 
 /// Of a part that fills 0.3 % of the picture the probed pixels, one of nine, are too few: its noise is found from all of its pixels, by residuals or,
-/// of four steps, by neighbours; and the next map of the same decoder shows the same.
+/// of four steps, by neighbours.
 #[test]
 fn the_noise_of_a_small_part_is_not_assumed() {
     let (width, height, edge) = (640, 480, 32);
