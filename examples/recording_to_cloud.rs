@@ -41,7 +41,7 @@ fn phase(recording: &Recording, projector: &str, camera: &str) -> Result<PhaseMa
     let mut decoder =
         Decoder::new(&lit.sequence, seen.width_px, seen.height_px, seen.full_scale_dn, size_px, &settings)?;
     for frame in 0..seen.frames.len() {
-        decoder.push(frame, &recording.load(projector, camera, frame)?.view())?;
+        decoder.push_shared(frame, &recording.load(projector, camera, frame)?.into())?;
     }
     let mut map = PhaseMap::new(decoder.info(Axis::X)?);
     let report = decoder.finish(Axis::X, &mut map.view_mut())?;

@@ -6,7 +6,7 @@ use cell::executor::{Decoded, PhaseMethod, View, ViewDecoder};
 use files::error::FileError;
 use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
-use fringe::frame::Frame;
+use fringe::frame::{Frame, SharedFrame};
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use fringe::sensor::Sensor;
@@ -195,7 +195,7 @@ impl RecordedView<'_> {
             let load = |number: &usize| self.recording.load(&self.projector.name, &self.camera.name, *number);
             let frames: Vec<Result<Frame, FileError>> = batch.par_iter().map(load).collect();
             for (number, frame) in batch.iter().zip(frames) {
-                let pushed = decoder.push(number - first, &frame?.view());
+                let pushed = decoder.push_shared(number - first, &SharedFrame::from(frame?));
                 pushed.with_context(|| self.frame_place(*number))?;
                 step();
             }

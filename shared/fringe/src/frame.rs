@@ -1,5 +1,7 @@
 //! A frame: what a camera saw while one pattern was projected.
 
+use std::sync::Arc;
+
 /// Largest frame that is decoded, and largest phase map, pixels.
 pub const MAX_PIXELS: usize = 1 << 27;
 
@@ -110,6 +112,56 @@ impl Frame {
                 PixelBuffer::Mono16(values) => Pixels::Mono16(values),
             },
         }
+    }
+}
+
+/// Grey values that several may hold at once without copying them.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SharedPixels {
+    /// 8 bits per pixel.
+    Mono8(Arc<Vec<u8>>),
+    /// 9 to 16 bits per pixel, in the low bits.
+    Mono16(Arc<Vec<u16>>),
+}
+
+impl SharedPixels {
+    /// A view that borrows them.
+    pub fn view(&self) -> Pixels<'_> {
+        match self {
+            Self::Mono8(values) => Pixels::Mono8(values),
+            Self::Mono16(values) => Pixels::Mono16(values),
+        }
+    }
+}
+
+/// A frame that several may hold at once: a decoder keeps it where it is ([`crate::decode::Decoder::push_shared`]).
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedFrame {
+    /// Number of columns, px.
+    pub width_px: u32,
+    /// Number of rows, px.
+    pub height_px: u32,
+    /// The grey value at which the sensor is full.
+    pub full_scale_dn: u16,
+    /// width × height values.
+    pub pixels: SharedPixels,
+}
+
+impl SharedFrame {
+    /// A view that borrows the frame.
+    pub fn view(&self) -> FrameView<'_> {
+        let Self { width_px, height_px, full_scale_dn, ref pixels } = *self;
+        FrameView { width_px, height_px, full_scale_dn, pixels: pixels.view() }
+    }
+}
+
+impl From<Frame> for SharedFrame {
+    fn from(Frame { width_px, height_px, full_scale_dn, pixels }: Frame) -> Self {
+        let pixels = match pixels {
+            PixelBuffer::Mono8(values) => SharedPixels::Mono8(Arc::new(values)),
+            PixelBuffer::Mono16(values) => SharedPixels::Mono16(Arc::new(values)),
+        };
+        Self { width_px, height_px, full_scale_dn, pixels }
     }
 }
 

@@ -1,11 +1,11 @@
 //! Decoding, matching, and both: 10 steps over fringes of 20 px, 6 bits of half fringes, black, white.
 
 use super::Bench;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use bytemuck::Zeroable;
 use fringe::cloud::Point;
 use fringe::decode::{DecodeSettings, Decoder};
-use fringe::frame::FrameView;
+use fringe::frame::{SharedFrame, SharedPixels};
 use fringe::geometry::camera::Camera;
 use fringe::matching::{MatchSettings, Matcher};
 use fringe::pattern::{Axis, Direction, PatternSet};
@@ -13,6 +13,7 @@ use fringe::phase::{PhaseInfo, PhaseMap};
 use nalgebra::{Matrix3, Point2, Vector3};
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// Projector pixels per fringe.
 const PERIOD_PX: f64 = 20.0;
@@ -43,9 +44,7 @@ fn sequence() -> Vec<PatternSet> {
 
 /// Eighteen frames of a camera and what decodes them.
 pub(super) struct Camera18 {
-    width_px: u32,
-    height_px: u32,
-    frames: Vec<u8>,
+    frames: Vec<SharedFrame>,
     decoder: Decoder,
     pub(super) map: PhaseMap,
 }
@@ -62,16 +61,18 @@ impl Camera18 {
         let decoder =
             Decoder::new(&sequence(), width_px, height_px, 255, PROJECTOR_PX, &DecodeSettings::default())?;
         let map = PhaseMap::new(decoder.info(Axis::X)?);
-        Ok(Self { width_px, height_px, frames, decoder, map })
+        let shared = |frame: &[u8]| {
+            let pixels = SharedPixels::Mono8(Arc::new(frame.to_vec()));
+            SharedFrame { width_px, height_px, full_scale_dn: 255, pixels }
+        };
+        let frames = frames.chunks_exact(map.info.len()).map(shared).collect();
+        Ok(Self { frames, decoder, map })
     }
 
     pub(super) fn decode(&mut self) -> Result<()> {
         self.decoder.begin();
-        let pixels = self.width_px as usize * self.height_px as usize;
-        for (number, frame) in self.frames.chunks_exact(pixels).enumerate() {
-            let view =
-                FrameView::from_bytes(self.width_px, self.height_px, 255, frame).context("frame size")?;
-            self.decoder.push(number, &view)?;
+        for (number, frame) in self.frames.iter().enumerate() {
+            self.decoder.push_shared(number, frame)?;
         }
         self.decoder.finish(Axis::X, &mut self.map.view_mut())?;
         Ok(())

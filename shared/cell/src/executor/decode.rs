@@ -6,7 +6,7 @@ use super::phase_method::{PhaseMethod, PhaseMethodError, SineFrames};
 use crate::cell::Cell;
 use crate::error::CellError;
 use fringe::decode::{DecodeError, DecodeReport, DecodeSettings, Decoder, Diagnosis};
-use fringe::frame::FrameView;
+use fringe::frame::{FrameView, SharedFrame};
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseInfo, PhaseMap, PhaseViewMut};
 use thiserror::Error;
@@ -109,14 +109,46 @@ impl ViewDecoder {
     /// # Errors
     /// A frame out of order, of another size or grey scale; with the last frame of an exposure, frames that give no phase.
     pub fn push(&mut self, frame: usize, view: &FrameView<'_>) -> Result<(), ViewError> {
-        let Some(several) = &mut self.several else {
-            return take(&mut self.decoder, &mut self.frames, &self.method, (frame, view));
-        };
+        self.take(frame, view, |decoder, index| decoder.push(index, view))
+    }
+
+    /// As [`Self::push`], without a copy of the frame ([`Decoder::push_shared`]).
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn push_shared(&mut self, number: usize, frame: &SharedFrame) -> Result<(), ViewError> {
+        self.take(number, &frame.view(), |decoder, index| decoder.push_shared(index, frame))
+    }
+
+    /// Takes a frame in one of both ways.
+    fn take(
+        &mut self,
+        frame: usize,
+        view: &FrameView<'_>,
+        push: impl FnOnce(&mut Decoder, usize) -> Result<(), DecodeError>,
+    ) -> Result<(), ViewError> {
+        let Some(several) = &mut self.several else { return self.land(frame, view, push) };
         let index = several.place(&self.decoder, frame)?;
         let exposure_ms = several.exposure_ms();
         let of = |source| ViewError::Exposure { exposure_ms, source: Box::new(source) };
-        take(&mut self.decoder, &mut self.frames, &self.method, (index, view)).map_err(of)?;
+        self.land(index, view, push).map_err(of)?;
+        let Some(several) = &mut self.several else { return Ok(()) };
         several.landed(&mut self.decoder, self.evidence).map_err(|error| of(error.into()))
+    }
+
+    /// Takes a frame of an exposure; after the last one the method is applied.
+    fn land(
+        &mut self,
+        index: usize,
+        view: &FrameView<'_>,
+        push: impl FnOnce(&mut Decoder, usize) -> Result<(), DecodeError>,
+    ) -> Result<(), ViewError> {
+        push(&mut self.decoder, index)?;
+        self.frames.add(index, view);
+        if index + 1 == self.decoder.frames() {
+            self.method.apply(&mut self.decoder, &self.frames)?;
+        }
+        Ok(())
     }
 
     /// The axes of which the sequence gives a phase, x before y.
@@ -175,21 +207,6 @@ impl ViewDecoder {
         let risk = self.decoder.order_risk(axis)?;
         Ok(risk.map(|risk| risk.probabilities(sigma_rad.iter().copied())))
     }
-}
-
-/// Takes a frame; after the last frame the method is applied.
-fn take(
-    decoder: &mut Decoder,
-    frames: &mut SineFrames,
-    method: &PhaseMethod,
-    (index, view): (usize, &FrameView<'_>),
-) -> Result<(), ViewError> {
-    decoder.push(index, view)?;
-    frames.add(index, view);
-    if index + 1 == decoder.frames() {
-        method.apply(decoder, frames)?;
-    }
-    Ok(())
 }
 
 /// The decoder of a camera of a cell under a projector.

@@ -84,7 +84,7 @@ impl Decoder {
         let axis = self.axes.iter_mut().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
         if let Some((axis, _)) = axis {
             let raster = self.plan.sines[slot].first + step;
-            axis.probe.keep(step, raster, &self.rasters, self.pixels);
+            axis.probe.keep(step, raster, &self.rasters);
         }
     }
 

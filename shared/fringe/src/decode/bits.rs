@@ -30,18 +30,17 @@ impl Stripes {
     pub fn read(
         &mut self,
         rasters: &Rasters,
-        pixels: usize,
         plan: &CodePlan,
         range: &Range<usize>,
         mean_sum: Option<(&[f32], u32)>,
         certain: &Certainty,
     ) {
         match rasters {
-            Rasters::Bytes(data) => {
-                self.read_values(&Part::new(data, pixels, range), plan, mean_sum, certain);
+            Rasters::Bytes(kept) => {
+                self.read_values(&Part::new(kept, range), plan, mean_sum, certain);
             }
-            Rasters::Words(data) => {
-                self.read_values(&Part::new(data, pixels, range), plan, mean_sum, certain);
+            Rasters::Words(kept) => {
+                self.read_values(&Part::new(kept, range), plan, mean_sum, certain);
             }
         }
         let mask = if plan.invert { (((1_u32 << plan.bits) - 1) & 0xffff) as u16 } else { 0 };
@@ -169,7 +168,7 @@ fn whole(value: f32) -> u32 {
 }
 
 /// A stored grey value and the signed integer that holds sums of two of them.
-trait Grey: Copy {
+trait Grey: Copy + Default + Send {
     type Wide: Copy + Default + PartialOrd + Sub<Output = Self::Wide> + Neg<Output = Self::Wide>;
     fn sum(a: Self, b: Self) -> Self::Wide;
     fn value(self) -> f32;

@@ -6,7 +6,7 @@
 use super::block::filled;
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
-use super::rasters::Rasters;
+use super::rasters::{Kept, Rasters};
 use crate::math::simd::{loaded, put, taken, vectorised};
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
 
@@ -204,16 +204,16 @@ impl Light<'_> {
         cells: (&mut [f32], usize),
     ) {
         match self.reflectance.rasters {
-            Rasters::Bytes(data) => self.sum_of::<S, ALL, u8>(simd, data, seen, place, cells),
-            Rasters::Words(data) => self.sum_of::<S, ALL, u16>(simd, data, seen, place, cells),
+            Rasters::Bytes(kept) => self.sum_of::<S, ALL, u8>(simd, kept, seen, place, cells),
+            Rasters::Words(kept) => self.sum_of::<S, ALL, u16>(simd, kept, seen, place, cells),
         }
     }
 
     #[inline(always)]
-    fn sum_of<S: Simd, const ALL: bool, T: Copy + Default + Into<u16>>(
+    fn sum_of<S: Simd, const ALL: bool, T: Copy + Default + Send + Into<u16>>(
         &self,
         simd: S,
-        data: &[T],
+        kept: &Kept<T>,
         seen: &Seen,
         [column, row]: [usize; 2],
         (cells, stride): (&mut [f32], usize),
@@ -221,8 +221,8 @@ impl Light<'_> {
         let Seen { phase, modulation, smooth, width } = *seen;
         let pixels = modulation.len();
         let levels = self.reflectance.levels;
-        let white = &data[levels.white * pixels..][..pixels];
-        let black = &data[levels.black * pixels..][..pixels];
+        let white = &kept.raster(levels.white)[..pixels];
+        let black = &kept.raster(levels.black)[..pixels];
         let lines = row..(row + CELL).min(pixels / width);
         let count = LANES.min(width - column);
         let least = |y: usize| {

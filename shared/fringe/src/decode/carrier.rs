@@ -19,11 +19,11 @@ use std::ops::Range;
 impl Sums {
     /// The sums of the carrier's amplitudes at single pixels, at most [`BLOCK`].
     #[inline(never)]
-    pub(super) fn demodulate(&self, rasters: &Rasters, pixels: usize, places: &[usize], out: &mut BlockSums) {
+    pub(super) fn demodulate(&self, rasters: &Rasters, places: &[usize], out: &mut BlockSums) {
         let (mut values, mut turn) = ([0.0_f32; BLOCK], [[0.0_f32; 2]; BLOCK]);
         let carrier = || self.carrier.iter().cycle();
         for (frame, step) in (0..self.weights.len()).zip(carrier()) {
-            self.values_at(rasters, pixels, frame, places, &mut values);
+            self.values_at(rasters, frame, places, &mut values);
             for (turn, value) in turn.iter_mut().zip(&values[..places.len()]) {
                 turn[0] += value * step[0];
                 turn[1] += value * step[1];
@@ -37,7 +37,7 @@ impl Sums {
         }
         (out.sum, out.cos, out.sin) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         for ((frame, weights), step) in self.weights.iter().enumerate().zip(carrier()) {
-            self.values_at(rasters, pixels, frame, places, &mut values);
+            self.values_at(rasters, frame, places, &mut values);
             for (i, value) in values[..places.len()].iter().enumerate() {
                 let amplitude = value * (step[0] * turn[i][0] + step[1] * turn[i][1]);
                 out.sum[i] += value * weights[0];
@@ -51,7 +51,7 @@ impl Sums {
     #[inline(never)]
     pub(super) fn line_noise(
         &self,
-        (rasters, pixels, noise): (&Rasters, usize, &NoiseModel),
+        (rasters, noise): (&Rasters, &NoiseModel),
         range: &Range<usize>,
         sums: &BlockSums,
         sigma_rad: &mut [f32],
@@ -61,7 +61,7 @@ impl Sums {
         let (mut values, mut variance) = ([0.0_f32; BLOCK], [0.0_f32; BLOCK]);
         let (read, gain) = (noise.read_variance_dn2 as f32, noise.gain_dn as f32);
         for (frame, weights) in self.weights.iter().enumerate() {
-            self.values_at(rasters, pixels, frame, places, &mut values);
+            self.values_at(rasters, frame, places, &mut values);
             for (i, value) in values[..places.len()].iter().enumerate() {
                 let across = sums.sin[i] * weights[1] - sums.cos[i] * weights[2];
                 variance[i] += (read + gain * value) * across * across;

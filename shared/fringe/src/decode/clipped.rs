@@ -72,7 +72,7 @@ impl Kernel<'_> {
         };
         let (mut values, mut shifts, mut count) = ([0.0; MAX_STEPS], [0.0; MAX_STEPS], 0);
         for (raster, shift) in sums.rasters().zip(&sums.shifts_rad) {
-            let value = self.rasters.value(raster, self.pixels, at);
+            let value = self.rasters.value(raster, at);
             if value < clipped_dn {
                 (values[count], shifts[count]) = (f64::from(value), *shift);
                 count += 1;

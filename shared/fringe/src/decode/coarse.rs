@@ -70,7 +70,7 @@ impl Kernel<'_> {
         match stair.source {
             StairSource::Phase(slot) => {
                 let mut sums = BlockSums::ZERO;
-                self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
+                self.sums[slot].block(self.rasters, range, &mut sums);
                 for i in 0..range.len() {
                     let turns = (super::arctan::angle_positive_rad(sums.sin[i], sums.cos[i]) + PI) / TAU;
                     let number = ((turns - turns.floor()) * stair.stairs).floor().clamp(0.0, last);
@@ -78,8 +78,7 @@ impl Kernel<'_> {
                 }
             }
             StairSource::Grey(raster, levels) => {
-                let pixels = self.pixels;
-                let value = |one, other, at| Rasters::pair(self.rasters, one, other, pixels, at);
+                let value = |one, other, at| Rasters::pair(self.rasters, one, other, at);
                 for (i, at) in range.clone().enumerate() {
                     let (grey, black) = value(raster, levels.black, at);
                     let (white, _) = value(levels.white, levels.black, at);
@@ -128,17 +127,17 @@ impl Kernel<'_> {
             return self.read_against_mean(code, slot, range, stripes);
         }
         let certain = Certainty::new(code, 1, &self.noise, self.settings.certainty_sigmas);
-        stripes.read(self.rasters, self.pixels, code, range, None, &certain);
+        stripes.read(self.rasters, code, range, None, &certain);
     }
 
     /// The same where the mean of a sine is the threshold.
     #[inline(always)]
     fn read_against_mean(&self, code: &CodePlan, slot: usize, range: &Range<usize>, stripes: &mut Stripes) {
         let (mut sums, steps) = (BlockSums::ZERO, self.steps[slot]);
-        self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
+        self.sums[slot].block(self.rasters, range, &mut sums);
         let certain = Certainty::new(code, steps, &self.noise, self.settings.certainty_sigmas);
         let mean = Some((&sums.sum[..range.len()], steps));
-        stripes.read(self.rasters, self.pixels, code, range, mean, &certain);
+        stripes.read(self.rasters, code, range, mean, &certain);
     }
 
     /// Tries the other values of the uncertain bits: where one of them leads to another order that the phase does not

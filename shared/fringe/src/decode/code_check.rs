@@ -150,8 +150,7 @@ impl Decoder {
             .filter(|slot| self.plan.sines[**slot].kind == SineKind::Plain && self.steps[**slot] >= 3);
         if let Some(slot) = sine {
             let steps = self.steps[*slot] as f32;
-            let middle =
-                (0..pixels).map(|place| self.sums[*slot].sum_at(&self.rasters, pixels, place) / steps);
+            let middle = (0..pixels).map(|place| self.sums[*slot].sum_at(&self.rasters, place) / steps);
             return (middle.collect(), out.modulation.to_vec());
         }
         let mut scratch = Vec::new();
@@ -162,9 +161,8 @@ impl Decoder {
 
     /// The same of one pixel, from white and black or, bit by bit, from frame and inverse.
     fn code_level(&self, code: &CodePlan, place: usize, scratch: &mut Vec<f64>) -> (f32, f32) {
-        let pixels = self.pixels;
         let pair = |one, other| {
-            let (a, b) = self.rasters.pair(one, other, pixels, place);
+            let (a, b) = self.rasters.pair(one, other, place);
             (f64::from(a), f64::from(b))
         };
         let least_dn = self.least_modulation_dn();
@@ -206,7 +204,7 @@ impl Decoder {
         else {
             return false;
         };
-        let (steps, pixels) = (f64::from(self.steps[*slot]), out.phase_rad.len());
+        let steps = f64::from(self.steps[*slot]);
         if steps < 3.0 {
             return false;
         }
@@ -216,13 +214,13 @@ impl Decoder {
         levels.sums.extend(frames.iter().map(|_| [(0.0, 0.0); 2]));
         for place in axis.probe.sure(out.valid, ENOUGH) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
-            let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
+            let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, place)) / steps;
             let inverse = 1.0 / f64::from(out.modulation[place]);
             for (frame, sums) in frames.iter().zip(&mut levels.sums) {
                 let stripe_px = if let Shown::Bit { code, .. } = frame.shown { code.stripe_px } else { 0.0 };
                 let (light, edge_px) = frame.shown.at(x_px);
                 if edge_px > CLEAR_STRIPES * stripe_px {
-                    let value = f64::from(self.rasters.value(frame.raster, pixels, place));
+                    let value = f64::from(self.rasters.value(frame.raster, place));
                     let (sum, count) = &mut sums[usize::from(light)];
                     *sum += (value - middle) * inverse;
                     *count += 1.0;

@@ -90,16 +90,15 @@ impl Decoder {
         reach_px: f64,
         out: &PhaseViewMut,
     ) -> (u32, u32) {
-        let pixels = out.phase_rad.len();
         let (steps, scale_px) = (self.steps[slot] as f32, plan.period_px / TAU);
         let (mut asked, mut further) = (0, 0);
         for place in axis.probe.sure(out.valid, ASKED) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
-            let middle = self.sums[slot].sum_at(&self.rasters, pixels, place) / steps;
+            let middle = self.sums[slot].sum_at(&self.rasters, place) / steps;
             for frame in axis.code_frames.iter().filter(|frame| matches!(frame.shown, Shown::Bit { .. })) {
                 let [before, behind] = [x_px - reach_px, x_px + reach_px].map(|x_px| frame.shown.at(x_px).0);
                 if before != behind {
-                    let light = f32::from(self.rasters.value(frame.raster, pixels, place)) > middle;
+                    let light = f32::from(self.rasters.value(frame.raster, place)) > middle;
                     asked += 1;
                     further += u32::from(light == behind);
                 }

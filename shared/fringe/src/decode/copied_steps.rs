@@ -29,7 +29,7 @@ impl Decoder {
             let equal = |one: usize, other: usize| {
                 !is_found(one)
                     && !is_found(other)
-                    && self.rasters.show_the_same(plan.first + one, plan.first + other, pixels)
+                    && self.rasters.show_the_same(plan.first + one, plan.first + other)
                     && !self.show_alike(plan, pixels, [one, other])
             };
             let steps = 0..plan.shifts_rad.len();
@@ -53,7 +53,7 @@ impl Decoder {
         let least = DIFFERENT / 255.0 * f64::from(self.full_scale_dn);
         let every = (pixels / ASKED).max(1) | 1;
         let differ = |pixel: &usize| {
-            let (phase, modulation) = of_pixel(&self.rasters, plan, pixels, *pixel);
+            let (phase, modulation) = of_pixel(&self.rasters, plan, *pixel);
             let at = |step: usize| modulation * cos(phase - plan.shifts_rad[step]);
             (at(one) - at(other)).abs() > least
         };
@@ -62,10 +62,10 @@ impl Decoder {
 }
 
 /// Phase and modulation of a pixel, DN, by the sums that suffice where steps are even, and about where they are not.
-fn of_pixel(rasters: &Rasters, plan: &SinePlan, pixels: usize, pixel: usize) -> (f64, f64) {
+fn of_pixel(rasters: &Rasters, plan: &SinePlan, pixel: usize) -> (f64, f64) {
     let (mut sine, mut cosine) = (0.0, 0.0);
     for (step, shift) in plan.shifts_rad.iter().enumerate() {
-        let value = f64::from(rasters.value(plan.first + step, pixels, pixel));
+        let value = f64::from(rasters.value(plan.first + step, pixel));
         let (s, c) = sincos(*shift);
         sine += value * s;
         cosine += value * c;

@@ -207,7 +207,7 @@ impl Kernel<'_> {
     }
 
     fn value_dn(&self, raster: usize, at: usize) -> f64 {
-        f64::from(self.rasters.value(raster, self.pixels, at))
+        f64::from(self.rasters.value(raster, at))
     }
 
     /// The table of the module; `at` counts in the image, `i` in the block.
@@ -236,7 +236,7 @@ impl Kernel<'_> {
             }
             Reference::SineMean(slot) => {
                 let steps = f64::from(self.steps[slot]);
-                let threshold_dn = f64::from(self.sums[slot].sum_at(self.rasters, self.pixels, at)) / steps;
+                let threshold_dn = f64::from(self.sums[slot].sum_at(self.rasters, at)) / steps;
                 let over = groups.sum_dn[0] - groups.count[0] * threshold_dn;
                 let contrast_dn = (over + groups.count[1] * threshold_dn - groups.sum_dn[1]) / bits;
                 let [light, dark] = self.levels_dn2(threshold_dn, contrast_dn);

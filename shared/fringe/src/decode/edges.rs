@@ -195,10 +195,9 @@ impl Numbers<'_> {
 
     /// Twice a frame less its reference.
     fn contrast(&self, bit: usize, pixel: usize) -> f32 {
-        let pixels = self.valid.len();
         let raster = self.code.first + bit;
         let pair = |one, other| {
-            let (a, b) = self.rasters.pair(one, other, pixels, pixel);
+            let (a, b) = self.rasters.pair(one, other, pixel);
             (f32::from(a), f32::from(b))
         };
         match self.code.reference {

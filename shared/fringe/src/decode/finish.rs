@@ -126,7 +126,6 @@ impl Decoder {
         let gathered = &self.axes[home];
         let kernel = Kernel {
             plan,
-            pixels: self.pixels,
             sums: &self.sums,
             steps: &self.steps,
             periods_px: &self.periods_px,

@@ -81,7 +81,7 @@ impl Decoder {
             return None;
         }
         let every = (self.pixels / ASKED).max(1) | 1;
-        let grey = |raster, index| f64::from(self.rasters.value(raster, self.pixels, index));
+        let grey = |raster, index| f64::from(self.rasters.value(raster, index));
         let (mut above, mut range, mut asked) = (0.0, 0.0, 0);
         for index in (0..self.pixels).step_by(every).filter(|index| out.valid[*index] == 1) {
             let [white, black] = [levels.white, levels.black].map(|raster| grey(raster, index));

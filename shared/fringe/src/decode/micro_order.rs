@@ -29,7 +29,7 @@ impl Kernel<'_> {
                 continue;
             }
             for (value, raster) in values.iter_mut().zip(micro.rasters()) {
-                *value = f64::from(Rasters::value(self.rasters, raster, self.pixels, at));
+                *value = f64::from(Rasters::value(self.rasters, raster, at));
             }
             let background = f64::from(sums.sum[i]) / MICRO_STEPS as f64;
             let (best, second) = micro.resolve(x, [background, modulation], &values[..further]);

@@ -111,7 +111,7 @@ pub use risk::OrderRisk;
 pub use sensor_test::{FootprintTest, NoiseTest, SensorTest};
 pub use settings::{DecodeSettings, OrderMethod};
 
-use crate::frame::FrameView;
+use crate::frame::{FrameView, SharedFrame};
 use crate::math::simd::best_level;
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::PhaseInfo;
@@ -254,13 +254,30 @@ impl Decoder {
     /// # Errors
     /// A frame out of turn, of another size or grey scale, or with a value beyond full scale is refused and changes nothing.
     pub fn push(&mut self, index: usize, frame: &FrameView) -> Result<(), DecodeError> {
+        self.take(index, frame, |rasters, raster| rasters.keep(raster, frame.pixels))
+    }
+
+    /// As [`Self::push`], without a copy: the frame stays where it is until the next sequence. One whose values are stored in another width is copied.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn push_shared(&mut self, index: usize, frame: &SharedFrame) -> Result<(), DecodeError> {
+        self.take(index, &frame.view(), |rasters, raster| rasters.hold(raster, &frame.pixels))
+    }
+
+    fn take(
+        &mut self,
+        index: usize,
+        frame: &FrameView,
+        keep: impl FnOnce(&mut Rasters, usize),
+    ) -> Result<(), DecodeError> {
         self.check_frame(index, frame)?;
         self.identities.iter_mut().flatten().for_each(|identity| identity.keep(index, frame));
         match self.plan.roles[index] {
             Role::Ignored => {}
-            Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
+            Role::Stored(raster) => keep(&mut self.rasters, raster),
             Role::Sine { slot, step } => {
-                self.rasters.keep(self.plan.sines[slot].first + step, frame.pixels);
+                keep(&mut self.rasters, self.plan.sines[slot].first + step);
                 self.probe_frame(slot, step);
                 if step + 1 == self.plan.sines[slot].rasters().len() {
                     self.inspect(slot);

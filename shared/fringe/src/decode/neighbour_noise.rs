@@ -91,7 +91,7 @@ pub fn sample_phase(
             return;
         }
         // Where the middle is dark, the rest of the window need not be fetched.
-        sums.gather(places.rasters, places.pixels, &lit[..asked], &mut block);
+        sums.gather(places.rasters, &lit[..asked], &mut block);
         let mut count = 0;
         for i in 0..asked {
             if modulation_dn(&block, i, steps).1 >= least_modulation_dn {
@@ -104,8 +104,8 @@ pub fn sample_phase(
             for (pixels, middle) in pixels.chunks_exact_mut(9).zip(middles) {
                 pixels.copy_from_slice(&places.window(*middle));
             }
-            sums.gather(places.rasters, places.pixels, &pixels[..count], &mut block);
-            places.clipping.gather(places.rasters, places.pixels, &pixels[..count], &mut clipped);
+            sums.gather(places.rasters, &pixels[..count], &mut block);
+            places.clipping.gather(places.rasters, &pixels[..count], &mut clipped);
             for ((phase, s), c) in phases[..count].iter_mut().zip(&block.sin).zip(&block.cos) {
                 *phase = angle_positive_rad(*s, *c);
             }
@@ -182,7 +182,7 @@ pub fn sample_map(places: &Places, map: &PhaseViewMut, samples: &mut Vec<Sample>
 /// Samples of σ_I² from the two coarsest frames of a code, or from its only one and white.
 pub fn sample_code(places: &Places, code: &CodePlan, least_contrast_dn: f64, samples: &mut Vec<Sample>) {
     let read = |one: usize, other: usize, pixel: usize| {
-        let (a, b) = places.rasters.pair(one, other, places.pixels, pixel);
+        let (a, b) = places.rasters.pair(one, other, pixel);
         (f64::from(a), f64::from(b))
     };
     let (light, dark) = match code.reference {
@@ -197,7 +197,7 @@ pub fn sample_code(places: &Places, code: &CodePlan, least_contrast_dn: f64, sam
     if one == other {
         return;
     }
-    let clipped = |p: &usize| places.clipping.at(places.rasters, places.pixels, *p);
+    let clipped = |p: &usize| places.clipping.at(places.rasters, *p);
     let windows = places.middles().map(|middle| places.window(middle));
     let windows = windows.filter(|window| !window.iter().any(clipped));
     for window in windows.take(samples.capacity()) {

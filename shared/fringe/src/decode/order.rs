@@ -32,8 +32,6 @@ const EYES: usize = 16;
 pub struct Kernel<'a> {
     /// How the axis is decoded.
     pub plan: &'a AxisPlan,
-    /// Pixels of the image.
-    pub pixels: usize,
     /// How the sums of all sine sets are made.
     pub sums: &'a [Sums],
     /// Steps of all sine sets.
@@ -190,7 +188,7 @@ impl Kernel<'_> {
     fn light(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         for (j, slot) in self.plan.sines.iter().enumerate().rev() {
             let sums = &mut lanes.sums[j];
-            self.sums[*slot].block(self.rasters, self.pixels, range, sums);
+            self.sums[*slot].block(self.rasters, range, sums);
             let (cos, sin) = (&sums.cos[..range.len()], &sums.sin[..range.len()]);
             let scale = 2.0 / self.steps[*slot] as f32;
             for ((b, c), s) in out.modulation.iter_mut().zip(cos).zip(sin) {
@@ -217,9 +215,9 @@ impl Kernel<'_> {
         for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(&sums.sum) {
             *sigma = (read + gain * sum).sqrt() / *b;
         }
-        let frames = (self.rasters, self.pixels, &self.noise);
+        let frames = (self.rasters, &self.noise);
         self.sums[finest].other_noise(frames, range, steps, sums, out.sigma_rad);
-        self.clipping.block(self.rasters, self.pixels, range, &mut lanes.clipped);
+        self.clipping.block(self.rasters, range, &mut lanes.clipped);
         let recovered = if self.settings.use_clipped { self.use_clipped(range, lanes, out) } else { 0 };
         Tally { recovered, ..self.mask(lanes, out) }
     }

@@ -45,18 +45,17 @@ impl Probe {
     }
 
     /// Keeps the grey values of a frame, the given step of its set, as long as the cache still holds it.
-    pub fn keep(&mut self, step: usize, raster: usize, rasters: &Rasters, pixels: usize) {
+    pub fn keep(&mut self, step: usize, raster: usize, rasters: &Rasters) {
         let count = self.positions.len();
         // A set with a carrier has more frames than steps; nobody asks for those.
         let Some(kept) = self.frames.get_mut(step * count..(step + 1) * count) else { return };
-        let range = raster * pixels..(raster + 1) * pixels;
         match rasters {
-            Rasters::Bytes(data) => {
-                let values = data[range].iter().step_by(self.stride);
+            Rasters::Bytes(frames) => {
+                let values = frames.raster(raster).iter().step_by(self.stride);
                 kept.iter_mut().zip(values).for_each(|(kept, value)| *kept = u16::from(*value));
             }
-            Rasters::Words(data) => {
-                let values = data[range].iter().step_by(self.stride);
+            Rasters::Words(frames) => {
+                let values = frames.raster(raster).iter().step_by(self.stride);
                 kept.iter_mut().zip(values).for_each(|(kept, value)| *kept = *value);
             }
         }

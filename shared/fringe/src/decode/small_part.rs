@@ -25,11 +25,11 @@ impl Probe {
     }
 
     /// Keeps the grey values of a step, wherever the positions are.
-    fn keep_each(&mut self, step: usize, raster: usize, rasters: &Rasters, pixels: usize) {
+    fn keep_each(&mut self, step: usize, raster: usize, rasters: &Rasters) {
         let count = self.positions.len();
         let Some(kept) = self.frames.get_mut(step * count..(step + 1) * count) else { return };
         for (kept, index) in kept.iter_mut().zip(&self.positions) {
-            *kept = rasters.value(raster, pixels, *index);
+            *kept = rasters.value(raster, *index);
         }
     }
 }
@@ -52,7 +52,7 @@ impl Decoder {
                 continue;
             }
             for (step, raster) in self.plan.sines[*slot].rasters().enumerate() {
-                probe.keep_each(step, raster, &self.rasters, self.pixels);
+                probe.keep_each(step, raster, &self.rasters);
             }
             probe.close_set(set, &self.sums[*slot], limits);
         }

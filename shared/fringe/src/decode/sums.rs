@@ -131,7 +131,7 @@ impl Sums {
     /// Replaces √(2/N) σ_I / B by what uneven steps, lines, a carrier or another method make of it.
     pub fn other_noise(
         &self,
-        (rasters, pixels, noise): (&Rasters, usize, &NoiseModel),
+        (rasters, noise): (&Rasters, &NoiseModel),
         range: &Range<usize>,
         steps: f32,
         sums: &BlockSums,
@@ -140,7 +140,7 @@ impl Sums {
         match (&self.replaced, self.kind) {
             // Noise that was found from the phase of lines is already what that phase feels.
             (None, SineKind::Lines) if noise.source == NoiseSource::Settings => {
-                self.line_noise((rasters, pixels, noise), range, sums, sigma_rad);
+                self.line_noise((rasters, noise), range, sums, sigma_rad);
             }
             (None, SineKind::Carried(carrier_steps)) => {
                 let factor = (2.0 / carrier_steps as f32).sqrt();
@@ -164,14 +164,14 @@ impl Sums {
 
     /// Fills the sums of the pixels in `range`, at most [`BLOCK`].
     #[inline(always)]
-    pub fn block(&self, rasters: &Rasters, pixels: usize, range: &Range<usize>, out: &mut BlockSums) {
+    pub fn block(&self, rasters: &Rasters, range: &Range<usize>, out: &mut BlockSums) {
         match rasters {
             _ if !self.carrier.is_empty() => {
                 let places: [usize; BLOCK] = std::array::from_fn(|i| range.start + i);
-                self.demodulate(rasters, pixels, &places[..range.len()], out);
+                self.demodulate(rasters, &places[..range.len()], out);
             }
-            Rasters::Bytes(data) => self.add_frames(&Part::new(data, pixels, range), out),
-            Rasters::Words(data) => self.add_frames(&Part::new(data, pixels, range), out),
+            Rasters::Bytes(kept) => self.add_frames(&Part::new(kept, range), out),
+            Rasters::Words(kept) => self.add_frames(&Part::new(kept, range), out),
         }
         if let Some(given) = &self.replaced {
             out.cos[..range.len()].copy_from_slice(&given.cos[range.clone()]);
@@ -180,7 +180,7 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add_frames<T: Copy + Into<i32>>(&self, part: &Part<T>, out: &mut BlockSums) {
+    fn add_frames<T: Copy + Default + Send + Into<i32>>(&self, part: &Part<T>, out: &mut BlockSums) {
         match self.half_turn {
             Some(half_turn) => self.add_steps::<true, T>(half_turn, part, out),
             None => self.add_steps::<false, T>(self.weights.len(), part, out),
@@ -188,7 +188,7 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add_steps<const PAIRED: bool, T: Copy + Into<i32>>(
+    fn add_steps<const PAIRED: bool, T: Copy + Default + Send + Into<i32>>(
         &self,
         steps: usize,
         part: &Part<T>,
@@ -214,7 +214,7 @@ impl Sums {
     /// Adds K frames in their order, the first ones overwrite what was there; those of pairs with the frames half a turn on, since the sine of both
     /// takes one product, and their difference is exact.
     #[inline(always)]
-    fn add<const K: usize, const FIRST: bool, const PAIRED: bool, T: Copy + Into<i32>>(
+    fn add<const K: usize, const FIRST: bool, const PAIRED: bool, T: Copy + Default + Send + Into<i32>>(
         &self,
         step: usize,
         half_turn: usize,
@@ -255,8 +255,8 @@ impl Sums {
     }
 
     /// Σ I of one pixel, DN.
-    pub fn sum_at(&self, rasters: &Rasters, pixels: usize, place: usize) -> f32 {
-        let values = self.rasters().map(|raster| f32::from(rasters.value(raster, pixels, place)));
+    pub fn sum_at(&self, rasters: &Rasters, place: usize) -> f32 {
+        let values = self.rasters().map(|raster| f32::from(rasters.value(raster, place)));
         values.zip(&self.weights).map(|(value, weights)| value * weights[0]).sum()
     }
 
@@ -265,28 +265,27 @@ impl Sums {
     pub(super) fn values_at(
         &self,
         rasters: &Rasters,
-        pixels: usize,
         frame: usize,
         places: &[usize],
         values: &mut [f32; BLOCK],
     ) {
-        let first = (self.first + frame) * pixels;
+        let raster = self.first + frame;
         match rasters {
-            Rasters::Bytes(data) => take(&data[first..first + pixels], places, values),
-            Rasters::Words(data) => take(&data[first..first + pixels], places, values),
+            Rasters::Bytes(kept) => take(kept.raster(raster), places, values),
+            Rasters::Words(kept) => take(kept.raster(raster), places, values),
         }
     }
 
     /// The sums of single pixels, in the order of `places`, at most [`BLOCK`] of them.
     #[inline(always)]
-    pub fn gather(&self, rasters: &Rasters, pixels: usize, places: &[usize], out: &mut BlockSums) {
+    pub fn gather(&self, rasters: &Rasters, places: &[usize], out: &mut BlockSums) {
         let count = places.len().min(BLOCK);
         if !self.carrier.is_empty() {
-            return self.demodulate(rasters, pixels, places, out);
+            return self.demodulate(rasters, places, out);
         }
         let mut values = [0.0_f32; BLOCK];
         for (step, weights) in self.weights.iter().enumerate() {
-            self.values_at(rasters, pixels, step, places, &mut values);
+            self.values_at(rasters, step, places, &mut values);
             let values = &values[..count];
             let lanes = out.sum.iter_mut().zip(&mut out.cos).zip(&mut out.sin).zip(values);
             if step == 0 {
@@ -335,18 +334,18 @@ pub struct Clipping {
 impl Clipping {
     /// Marks the pixels of `range` that are clipped in one of the frames.
     #[inline(always)]
-    pub fn block(&self, rasters: &Rasters, pixels: usize, range: &Range<usize>, out: &mut [u8; BLOCK]) {
+    pub fn block(&self, rasters: &Rasters, range: &Range<usize>, out: &mut [u8; BLOCK]) {
         match rasters {
             // A limit beyond 255 cannot be reached by bytes unless it stands for 255 itself.
-            Rasters::Bytes(data) => {
-                self.most(&Part::new(data, pixels, range), self.clipped_dn.min(255) as u8, out);
+            Rasters::Bytes(kept) => {
+                self.most(&Part::new(kept, range), self.clipped_dn.min(255) as u8, out);
             }
-            Rasters::Words(data) => self.most(&Part::new(data, pixels, range), self.clipped_dn, out),
+            Rasters::Words(kept) => self.most(&Part::new(kept, range), self.clipped_dn, out),
         }
     }
 
     #[inline(always)]
-    fn most<T: Copy + Default + Ord>(&self, part: &Part<T>, clipped: T, out: &mut [u8; BLOCK]) {
+    fn most<T: Copy + Default + Send + Ord>(&self, part: &Part<T>, clipped: T, out: &mut [u8; BLOCK]) {
         let count = (part.end - part.start).min(BLOCK);
         let mut most = [T::default(); BLOCK];
         for raster in &self.rasters {
@@ -361,24 +360,25 @@ impl Clipping {
 
     /// Marks those of single pixels that are clipped, at most [`BLOCK`] of them.
     #[inline(always)]
-    pub fn gather(&self, rasters: &Rasters, pixels: usize, places: &[usize], out: &mut [u8; BLOCK]) {
+    pub fn gather(&self, rasters: &Rasters, places: &[usize], out: &mut [u8; BLOCK]) {
         out.fill(0);
         for raster in &self.rasters {
-            let range = raster * pixels..(raster + 1) * pixels;
             match rasters {
-                Rasters::Bytes(data) => mark(&data[range], places, self.clipped_dn.min(255) as u8, out),
-                Rasters::Words(data) => mark(&data[range], places, self.clipped_dn, out),
+                Rasters::Bytes(kept) => {
+                    mark(kept.raster(*raster), places, self.clipped_dn.min(255) as u8, out);
+                }
+                Rasters::Words(kept) => mark(kept.raster(*raster), places, self.clipped_dn, out),
             }
         }
     }
 
     /// Whether a pixel is clipped in one of the frames.
-    pub fn at(&self, rasters: &Rasters, pixels: usize, place: usize) -> bool {
+    pub fn at(&self, rasters: &Rasters, place: usize) -> bool {
         let clipped = match rasters {
             Rasters::Bytes(_) => self.clipped_dn.min(255),
             Rasters::Words(_) => self.clipped_dn,
         };
-        self.rasters.iter().any(|raster| rasters.value(*raster, pixels, place) >= clipped)
+        self.rasters.iter().any(|raster| rasters.value(*raster, place) >= clipped)
     }
 }
 

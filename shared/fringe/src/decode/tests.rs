@@ -10,6 +10,7 @@ mod dirt;
 mod footprint;
 mod hands;
 mod identity;
+mod lent;
 mod levels;
 mod methods;
 mod motion;

@@ -72,7 +72,7 @@ impl SurfaceBuilder {
             return [0; 2];
         }
         let Self { causes, patches, .. } = self;
-        patches.recount(points.iter().map(|point| point.pixel));
+        patches.recount(points, |point| point.pixel);
         let (mut end, mut next, mut without_normal) = (0, 0, 0);
         for pixels in patches.smaller_than(wanted) {
             let before = next + points[next..].partition_point(|point| (point.pixel as usize) < pixels.start);

@@ -5,6 +5,7 @@ use super::super::footprint::{Footprint, Line};
 use super::super::rasters::Rasters;
 use super::super::roles::Levels;
 use crate::decode::DecodeSettings;
+use crate::frame::Pixels;
 use crate::math::simd::best_level;
 use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
 use crate::pattern::{Axis, PatternSet};
@@ -43,10 +44,10 @@ fn blurred_scene(
 ) -> (PhaseMap, Rasters) {
     let info = PhaseInfo { width_px: WIDTH as u32, height_px: HEIGHT as u32, axis: Axis::X, period_px: 16.0 };
     let mut map = PhaseMap::new(info);
-    let mut levels = vec![0_u16; 2 * info.len()];
+    let (mut white, black) = (vec![0_u16; info.len()], vec![300; info.len()]);
     let s = variance_px2.sqrt();
     let nodes: Vec<f64> = (-6..=6).map(|k| f64::from(k) * 0.5).collect();
-    for index in 0..info.len() {
+    for (index, white) in white.iter_mut().enumerate() {
         let (x, y) = ((index % WIDTH) as f64, (index / WIDTH) as f64);
         let (mut re, mut im, mut light, mut weight) = (0.0, 0.0, 0.0, 0.0);
         for u in &nodes {
@@ -64,11 +65,14 @@ fn blurred_scene(
         map.modulation[index] = (0.45 * hypot(re, im) / weight) as f32;
         map.sigma_rad[index] = 0.002;
         map.valid[index] = 1;
-        levels[index] = (light / weight * 100.0).round() as u16 + 300;
-        levels[info.len() + index] = 300;
+        *white = (light / weight * 100.0).round() as u16 + 300;
     }
     // White in hundredths of the modulation's unit: the estimate needs only the ratio up to a constant.
-    (map, Rasters::Words(levels))
+    let mut rasters = Rasters::new(2, info.len(), u16::MAX);
+    for (number, level) in [&white, &black].into_iter().enumerate() {
+        rasters.keep(number, Pixels::Mono16(level));
+    }
+    (map, rasters)
 }
 
 fn told_by(rasters: &Rasters) -> Reflectance<'_> {

@@ -192,8 +192,8 @@ impl Words {
 pub fn shift(look: &CodeLook, frame: usize, [right, down]: [i32; 2], rasters: &mut Rasters) {
     let (width, pixels) = (look.width, look.middle_dn.len());
     let raster = look.frames[frame].raster;
-    let values = rasters.taken(raster, pixels);
-    rasters.put(raster, pixels, |place| {
+    let values = rasters.taken(raster);
+    rasters.put(raster, |place| {
         let column = (place % width) as i64 - i64::from(right);
         let row = (place / width) as i64 - i64::from(down);
         let inside = column >= 0 && row >= 0 && column < width as i64 && row < (pixels / width) as i64;

@@ -119,13 +119,13 @@ pub struct CodeLook<'a> {
 impl CodeLook<'_> {
     /// Grey values of a frame as a number: −1 dark, 1 light.
     fn level(&self, rasters: &Rasters, frame: usize, place: usize) -> f32 {
-        let value = f32::from(rasters.value(self.frames[frame].raster, self.phase_rad.len(), place));
+        let value = f32::from(rasters.value(self.frames[frame].raster, place));
         ((value - self.middle_dn[place]) / self.contrast_dn[place]).clamp(-4.0, 4.0)
     }
 
     /// Whether a frame is nearer to light than to dark, at a pixel with contrast.
     fn is_light(&self, rasters: &Rasters, frame: usize, place: usize) -> bool {
-        let value = rasters.value(self.frames[frame].raster, self.phase_rad.len(), place);
+        let value = rasters.value(self.frames[frame].raster, place);
         f32::from(value) > self.middle_dn[place]
     }
 
@@ -147,8 +147,8 @@ impl CodeLook<'_> {
 
     /// Writes a frame anew as another one with light and dark exchanged.
     fn put_inverse(&self, rasters: &mut Rasters, frame: usize, of: usize) {
-        let values = rasters.taken(self.frames[of].raster, self.middle_dn.len());
-        rasters.put(self.frames[frame].raster, values.len(), |place| {
+        let values = rasters.taken(self.frames[of].raster);
+        rasters.put(self.frames[frame].raster, |place| {
             let mirrored = 2.0 * self.middle_dn[place] - f32::from(values[place]);
             mirrored.round().clamp(0.0, f32::from(u16::MAX)) as u16
         });

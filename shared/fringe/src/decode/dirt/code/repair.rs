@@ -25,10 +25,7 @@ pub(super) fn repair(
     let moved: Vec<(usize, Vec<u16>)> = wrong
         .iter()
         .filter_map(|frame| {
-            Some((
-                *frame,
-                rasters.taken(look.frames[verdict.frames[*frame].shown_by?].raster, look.phase_rad.len()),
-            ))
+            Some((*frame, rasters.taken(look.frames[verdict.frames[*frame].shown_by?].raster)))
         })
         .collect();
     let mut unseen = Vec::new();
@@ -36,7 +33,7 @@ pub(super) fn repair(
         let judged = verdict.frames[frame];
         let Some(fault) = judged.fault else { continue };
         let remedy = if let Some((_, values)) = moved.iter().find(|(to, _)| *to == frame) {
-            rasters.put(look.frames[frame].raster, values.len(), |place| values[place]);
+            rasters.put(look.frames[frame].raster, |place| values[place]);
             Remedy::OtherFrame
         } else {
             match fault {
@@ -92,9 +89,9 @@ fn value_dn(look: &CodeLook, place: usize, level: f64) -> u16 {
 
 /// Gives a frame the usual levels of light and dark.
 fn stretch(look: &CodeLook, frame: usize, judged: &Judged, verdict: &Verdict, rasters: &mut Rasters) {
-    let values = rasters.taken(look.frames[frame].raster, look.phase_rad.len());
+    let values = rasters.taken(look.frames[frame].raster);
     let scale = (verdict.light - verdict.dark) / (judged.light - judged.dark);
-    rasters.put(look.frames[frame].raster, values.len(), |place| {
+    rasters.put(look.frames[frame].raster, |place| {
         let contrast = f64::from(look.contrast_dn[place]);
         if contrast <= 0.0 || !contrast.is_finite() {
             return values[place];
@@ -106,9 +103,9 @@ fn stretch(look: &CodeLook, frame: usize, judged: &Judged, verdict: &Verdict, ra
 
 /// Writes a frame as the inverse of another.
 fn mirror(look: &CodeLook, frame: usize, other: usize, verdict: &Verdict, rasters: &mut Rasters) {
-    let values = rasters.taken(look.frames[other].raster, look.phase_rad.len());
+    let values = rasters.taken(look.frames[other].raster);
     let sum = verdict.dark + verdict.light;
-    rasters.put(look.frames[frame].raster, values.len(), |place| {
+    rasters.put(look.frames[frame].raster, |place| {
         let twice = 2.0 * f64::from(value_dn(look, place, 0.5 * sum));
         (twice - f64::from(values[place])).clamp(0.0, f64::from(u16::MAX)) as u16
     });
@@ -117,8 +114,8 @@ fn mirror(look: &CodeLook, frame: usize, other: usize, verdict: &Verdict, raster
 /// White or black, from the fringes.
 fn flat(look: &CodeLook, frame: usize, verdict: &Verdict, covers: &Covers, rasters: &mut Rasters) {
     let level = if look.frames[frame].shown == Shown::White { verdict.light } else { verdict.dark };
-    let values = rasters.taken(look.frames[frame].raster, look.phase_rad.len());
-    rasters.put(look.frames[frame].raster, values.len(), |place| {
+    let values = rasters.taken(look.frames[frame].raster);
+    rasters.put(look.frames[frame].raster, |place| {
         let is_seen = covers.any(frame) && !covers.hides(frame, place);
         if is_seen { values[place] } else { value_dn(look, place, level) }
     });
@@ -130,7 +127,7 @@ fn write(seen: &Seen, verdict: &Verdict, demanded_px: &[f32], rasters: &mut Rast
     let pixels = look.phase_rad.len();
     for frame in seen.lost {
         let Some(bits) = Bits::of(seen, *frame) else { continue };
-        let values = rasters.taken(look.frames[*frame].raster, pixels);
+        let values = rasters.taken(look.frames[*frame].raster);
         let value = |place: usize| {
             // Where no region says what it should show, nobody can tell whether a frame that is wrong elsewhere is right.
             if !seen.is_lost(*frame, place) && demanded_px[place].is_finite() {
@@ -141,6 +138,6 @@ fn write(seen: &Seen, verdict: &Verdict, demanded_px: &[f32], rasters: &mut Rast
             value_dn(look, place, level)
         };
         let written: Vec<u16> = (0..pixels).map(value).collect();
-        rasters.put(look.frames[*frame].raster, pixels, |place| written[place]);
+        rasters.put(look.frames[*frame].raster, |place| written[place]);
     }
 }

@@ -89,8 +89,8 @@ fn levels(look: &CodeLook, rasters: &mut Rasters) -> Vec<Finding> {
             continue;
         }
         let fault = Fault::Level(level);
-        let values = rasters.taken(look.frames[frame].raster, look.middle_dn.len());
-        rasters.put(look.frames[frame].raster, values.len(), |place| {
+        let values = rasters.taken(look.frames[frame].raster);
+        rasters.put(look.frames[frame].raster, |place| {
             let (middle, contrast) = (f64::from(look.middle_dn[place]), f64::from(look.contrast_dn[place]));
             if contrast.is_nan() || contrast <= 0.0 {
                 return values[place];

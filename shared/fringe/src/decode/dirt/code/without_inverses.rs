@@ -111,15 +111,13 @@ fn put_back(
     rasters: &mut Rasters,
     findings: &mut Vec<Finding>,
 ) {
-    let pixels = look.middle_dn.len();
     let bits = || frames.iter().zip(&reading.from);
     let moved = bits().filter(|(frame, (from, _))| *frame != from);
-    let taken: Vec<_> = moved
-        .map(|(frame, (from, _))| (*frame, *from, rasters.taken(look.frames[*from].raster, pixels)))
-        .collect();
+    let taken: Vec<_> =
+        moved.map(|(frame, (from, _))| (*frame, *from, rasters.taken(look.frames[*from].raster))).collect();
     for (frame, from, values) in taken {
         let of_from = look.frames[from];
-        rasters.put(look.frames[frame].raster, pixels, |place| values[place]);
+        rasters.put(look.frames[frame].raster, |place| values[place]);
         findings.push(look.finding(frame, Fault::Shows(of_from.set, of_from.step), Remedy::OtherFrame));
     }
     for (frame, _) in bits().filter(|(_, (_, inverse))| *inverse) {
@@ -138,13 +136,13 @@ fn move_back(
 ) -> bool {
     let Some(by) = displaced::better_place(look, frames, bit, false, rasters) else { return false };
     let raster = look.frames[frames[bit]].raster;
-    let before = rasters.taken(raster, look.middle_dn.len());
+    let before = rasters.taken(raster);
     displaced::shift(look, frames[bit], by, rasters);
     let edges = BitEdges::new(look, rasters, frames);
     if edges.contradiction(&Reading::plain(frames)).is_none() {
         displaced::name(look, frames[bit], by, Remedy::MovedBack, findings);
         return true;
     }
-    rasters.put(raster, before.len(), |place| before[place]);
+    rasters.put(raster, |place| before[place]);
     false
 }
