@@ -5,6 +5,7 @@ use crate::report::{check_outputs, emit};
 use crate::surface::{length, read_cloud_in_mm};
 use anyhow::{Context, Result, bail, ensure};
 use files::ply::Cloud;
+use files::rims_left_out;
 use fringe::cloud::Point;
 use metrology::spatial::{extent_and_least_edge_mm, thinned_cloud};
 use metrology::surface_net::{NetCheck, Opening, SurfaceNet};
@@ -89,7 +90,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mesh = match format {
         Format::PlyCloud => {
             let source = args.cloud.display().to_string();
-            files::ply::write_cloud(&args.out, &points, &said(&comments, &source))?;
+            let mut said = said(&comments, &source);
+            let before = said.len();
+            said.retain(|(key, _)| args.decimate.is_none() || *key != rims_left_out::COMMENT);
+            if said.len() < before {
+                eprintln!(
+                    "{}: measure outlines (circle, slot, rectangle, edge) before you thin a cloud: what it leaves out at rims is known in pixels",
+                    args.out.display()
+                );
+            }
+            files::ply::write_cloud(&args.out, &points, &said)?;
             None
         }
         Format::E57 => {

@@ -15,6 +15,7 @@ use files::plan_file::read_plan;
 use files::ply::Cloud;
 use files::provenance::Provenance;
 use files::rig_file::{RigFile, read_rig};
+use files::rims_left_out;
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
 use report::Formats;
@@ -74,8 +75,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = args.outputs();
     let flags: Vec<_> = [("--json", args.json.as_deref())].into_iter().chain(outputs.flags()).collect();
     check_outputs(&flags, &inputs, None)?;
-    let (plan, document) = read_plan(&args.plan)?;
+    let (mut plan, document) = read_plan(&args.plan)?;
     let mut cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
+    let edge_px = rims_left_out::of_cloud(&cloud).with_context(|| {
+        let (path, name) = (args.cloud.display(), rims_left_out::COMMENT);
+        format!("{path}: comment {name} is no number of pixels: reconstruct the cloud again")
+    })?;
+    if let Some(edge_px) = edge_px {
+        plan = plan.with_rims_left_out(edge_px);
+    }
     let cameras_off = footprints_off::of_cloud(&cloud).with_context(|| {
         format!(
             "{}: comment {} names no cameras with px²: reconstruct the cloud again",

@@ -46,6 +46,7 @@ pub mod raw_image;
 pub mod recording;
 pub mod result;
 pub mod rig_file;
+pub mod rims_left_out;
 pub mod scene_file;
 pub mod sealed;
 mod sequence;

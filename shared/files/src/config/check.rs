@@ -45,7 +45,9 @@ impl Config {
             projectors(&document, &raw, &cameras, played, &settings.decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
         let twin = twin(&document, &raw, &rig_file)?;
-        let (recipes, plans) = recipes(&document, &raw, (&rig_file.sha256, &rig_file.path, &rig.pairs))?;
+        let edge_px = settings.matching.surface.edge_px;
+        let (recipes, plans) =
+            recipes(&document, &raw, (&rig_file.sha256, &rig_file.path, &rig.pairs), edge_px)?;
         let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
         let mut cell = Configuration {
             warm_up,

@@ -18,11 +18,12 @@ const MAX_RECIPES: usize = 1000;
 const MAX_NAME: usize = 64;
 
 /// The plan of the configuration first, then its further recipes, with the files of all; without either one that measures
-/// nothing.
+/// nothing. `edge_px`: what its clouds leave out at the rims of faces.
 pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
     rig: (&str, &Path, &[Pair]),
+    edge_px: u32,
 ) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
@@ -31,7 +32,7 @@ pub(super) fn recipes(
     let (mut all, mut files) = (Vec::new(), Vec::new());
     let mut add = |name: &str, table: &str, path: &str, shares: Option<&str>| {
         let file = referenced(document, &format!("{table}plan"), path, Document::read)?;
-        let mut plan = parse_plan(&file)?;
+        let mut plan = parse_plan(&file)?.with_rims_left_out(edge_px);
         let sha256 = sha256_hex(file.text.as_bytes());
         files.push(file);
         let mut shares_sha256 = None;

@@ -5,7 +5,10 @@
 //! a camera's grid it is up to a sixth of the spacing less, and along its rows all strips share one gap. So the surface itself is
 //! asked: virtual borders at many depths within the band cut the same strips, and the mean distance of the next point behind them
 //! is the gap. How much the mean over all strips changes from one virtual border to another one is how far the mean over the
-//! outermost points may lie off. What light does at an edge is not seen here and belongs to `u_system_mm`.
+//! outermost points may lie off.
+//!
+//! A cloud of cameras ends before its surface does: pixels at the rim of a face are left out, where light of both sides mixes. Who knows how many says so
+//! ([`border`], `rim_px`); then the border lies as much further out. What light does at the edge of another cloud is not seen here and belongs to `u_system_mm`.
 
 use super::FitError;
 use super::outline::Placed;
@@ -28,6 +31,16 @@ const VIRTUAL_SHARE: f64 = 0.6;
 /// Virtual borders count as independent beyond so many gaps: nearer ones meet the same points.
 const APART_GAPS: f64 = 1.5;
 
+/// Pixels that are left out within N of the rim of a face, in squares: N (|cos θ| + |sin θ|) along a rim at the angle θ to the rows, 4/π N in the mean over all
+/// directions. The rim that the other camera sees takes more or less: of holes, discs and blocks before three rigs, pictures of another renderer, 0.8 to 1.6 N
+/// was missing on a side, which is the mean ± a quarter N.
+const RIM_MEAN: f64 = 4.0 / std::f64::consts::PI;
+const RIM_U: f64 = 0.25;
+/// A pixel that sees both sides counts or not: half a pixel to either side, all alike probable.
+const LIGHT_U_PX: f64 = 0.29;
+/// What is left out at a rim is at most so much of the band.
+const MOST_RIM: f64 = 0.4;
+
 /// The border of a surface along an outline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Border {
@@ -37,6 +50,28 @@ pub struct Border {
     pub u_point_mm: f64,
     /// Standard deviation of single points about a straight border, from the gaps alone, mm.
     pub scatter_mm: f64,
+    /// By how much all of them may lie too far out or in, mm: what was left out at the rim, and light at the edge.
+    pub u_rim_mm: f64,
+}
+
+/// Why a band is too narrow.
+const NARROW: &str = "what the cloud leaves out at rims (edge_px of its reconstruction) is more than 0.4 of its band_mm: widen the band, or reconstruct \
+                      with edge_px = 0";
+
+/// What a cloud of cameras leaves out at a rim: how wide it is, and the standard uncertainty of that, mm.
+#[derive(Debug, Clone, Copy, Default)]
+struct Rim {
+    width_mm: f64,
+    u_mm: f64,
+}
+
+impl Rim {
+    /// Of so many pixels, one of which lies on each point.
+    fn of(pixels: u32, density: f64) -> Self {
+        let (pixels, pixel_mm) = (f64::from(pixels), 1.0 / density.sqrt());
+        let u_px = (RIM_U * pixels * (RIM_U * pixels) + LIGHT_U_PX * LIGHT_U_PX).sqrt();
+        Self { width_mm: RIM_MEAN * pixels * pixel_mm, u_mm: u_px * pixel_mm }
+    }
 }
 
 /// A piece of an outline in strips of one width.
@@ -60,16 +95,18 @@ struct Gaps {
 }
 
 /// Finds where a surface ends near an outline. `hole`: the material lies outside of it. Points deeper than `band_mm` in
-/// the material, and within `corner_mm` of a corner or end, are not looked at.
+/// the material, and within `corner_mm` of a corner or end, are not looked at. `rim_px`: the points are those of a camera's pixels, of which so many were
+/// left out at the rim of a face; `None`: nothing is known of them.
 ///
 /// # Errors
-/// Too few points, or an outline that the surface borders along less than half of its length.
+/// Too few points, an outline that the surface borders along less than half of its length, or a band that hardly reaches the points.
 pub fn border(
     points: &[[f64; 2]],
     near: &Placed,
     hole: bool,
     band_mm: f64,
     corner_mm: f64,
+    rim_px: Option<u32>,
 ) -> Result<Border, FitError> {
     // An edge's material lies on its left, where the distance is negative.
     let sign = if hole { 1.0 } else { -1.0 };
@@ -85,6 +122,10 @@ pub fn border(
         })
         .collect();
     let density = density(&seen, &pieces, sign, band_mm)?;
+    let rim = rim_px.map_or_else(Rim::default, |pixels| Rim::of(pixels, density));
+    if rim.width_mm > MOST_RIM * band_mm {
+        return Err(FitError::Degenerate { element: "outline", why: NARROW });
+    }
     let mut pieces = divided(&pieces, sign, density);
     for (depth, along, piece, index) in seen {
         let piece = &mut pieces[piece];
@@ -108,7 +149,7 @@ pub fn border(
             why: "less than half of it borders the surface",
         });
     }
-    Ok(moved_out(points, near, &pieces, sign, band_mm))
+    Ok(moved_out(points, near, &pieces, sign, (band_mm, rim)))
 }
 
 /// Points per square millimetre in the material, from those that are no border.
@@ -148,8 +189,14 @@ fn divided(pieces: &[(f64, f64, Option<f64>)], sign: f64, density: f64) -> Vec<P
 }
 
 /// The outermost point of each strip, moved out by the gap of its piece.
-fn moved_out(points: &[[f64; 2]], near: &Placed, pieces: &[Piece], sign: f64, band_mm: f64) -> Border {
-    let gaps: Vec<Gaps> = pieces.iter().map(|piece| piece.gaps(band_mm)).collect();
+fn moved_out(
+    points: &[[f64; 2]],
+    near: &Placed,
+    pieces: &[Piece],
+    sign: f64,
+    (band_mm, rim): (f64, Rim),
+) -> Border {
+    let gaps: Vec<Gaps> = pieces.iter().map(|piece| piece.gaps(rim.width_mm, band_mm)).collect();
     let both = || pieces.iter().zip(&gaps);
     let count: f64 = pieces.iter().map(|p| p.strips.len() as f64).sum();
     // A gap is the smaller the wider its strip; all pieces together know it best.
@@ -164,13 +211,14 @@ fn moved_out(points: &[[f64; 2]], near: &Placed, pieces: &[Piece], sign: f64, ba
     let outermost = |(piece, strip): (&Piece, &Vec<(f64, usize)>)| {
         let place = points[strip[0].1];
         let [x, y] = near.global(near.outline.out(near.local(place)));
-        let gap = sign * gap_by_width / piece.width;
+        let gap = sign * (gap_by_width / piece.width + rim.width_mm);
         [place[0] - gap * x, place[1] - gap * y]
     };
     Border {
         points: pieces.iter().flat_map(|p| p.strips.iter().map(move |s| (p, s))).map(outermost).collect(),
         u_point_mm: if weights > 0.0 { variance } else { scatter }.sqrt(),
         scatter_mm: scatter.sqrt(),
+        u_rim_mm: rim.u_mm,
     }
 }
 
@@ -182,12 +230,13 @@ impl Piece {
         (gap * (1.0 + self.widening * depth).max(0.1), found)
     }
 
-    fn gaps(&self, band_mm: f64) -> Gaps {
-        let step = VIRTUAL_SHARE * band_mm / VIRTUAL as f64;
+    /// Behind virtual borders from a depth on.
+    fn gaps(&self, from_mm: f64, band_mm: f64) -> Gaps {
+        let step = (VIRTUAL_SHARE * band_mm - from_mm) / VIRTUAL as f64;
         let (mut sum, mut found, mut squares, mut freedom) = (0.0, 0.0, 0.0, 0.0);
         let mut means = Vec::with_capacity(VIRTUAL);
         for border in 0..VIRTUAL {
-            let depth = border as f64 * step;
+            let depth = from_mm + border as f64 * step;
             let all: Vec<(f64, bool)> = self.strips.iter().map(|s| self.behind(s, depth, band_mm)).collect();
             let seen: Vec<f64> = all.iter().filter(|(_, found)| *found).map(|(gap, _)| *gap).collect();
             // Strips that end without a point have waited that long for one.
@@ -214,5 +263,67 @@ impl Piece {
         }
         let variance = (pairs > 0.0).then(|| differences / pairs * self.strips.len() as f64);
         Gaps { mean_mm, variance, squares, freedom }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::outline::Outline;
+    use super::*;
+    use fringe::math::{cos, hypot, sin};
+
+    const PIXEL_MM: f64 = 0.25;
+    const RADIUS_MM: f64 = 8.0;
+
+    /// Pixels of a plate with a hole, `turn` their angle to it, without those within so many of one inside the hole.
+    fn plate(turn: f64, shift: [f64; 2], left_out: i32) -> Vec<[f64; 2]> {
+        let at = |u: i32, v: i32| {
+            let (u, v) = (f64::from(u) + shift[0], f64::from(v) + shift[1]);
+            [PIXEL_MM * (u * cos(turn) - v * sin(turn)), PIXEL_MM * (u * sin(turn) + v * cos(turn))]
+        };
+        let is_hole = |u: i32, v: i32| {
+            let [x, y] = at(u, v);
+            hypot(x, y) < RADIUS_MM
+        };
+        let near = |u: i32, v: i32| {
+            (-left_out..=left_out).any(|a| (-left_out..=left_out).any(|b| is_hole(u + a, v + b)))
+        };
+        let all = (-60..=60).flat_map(|v| (-60..=60).map(move |u| (u, v)));
+        all.filter(|(u, v)| !near(*u, *v)).map(|(u, v)| at(u, v)).collect()
+    }
+
+    /// Mean distance of the border from the middle, mm, and its uncertainty.
+    fn radius(points: &[[f64; 2]], rim_px: Option<u32>) -> (f64, f64) {
+        let near = Placed { outline: Outline::Circle(RADIUS_MM), center: [0.0; 2], turn_rad: 0.0 };
+        let found = border(points, &near, true, 4.0, 0.0, rim_px).unwrap();
+        let sum: f64 = found.points.iter().map(|[x, y]| hypot(*x, *y)).sum();
+        (sum / found.points.len() as f64, found.u_rim_mm)
+    }
+
+    /// Half a pixel of a side is the light's; the rest of u is that of the rim, which squares leave out as they lie.
+    #[test]
+    fn a_hole_is_as_large_as_before_its_rim_was_left_out() {
+        for left_out in 0..=3 {
+            for (turn, shift) in [(0.0, [0.2, 0.4]), (0.4, [0.0, 0.7]), (0.785, [0.5, 0.1])] {
+                let points = plate(turn, shift, left_out as i32);
+                let (told, u_mm) = radius(&points, Some(left_out));
+                assert!((told - RADIUS_MM).abs() < 1.5 * u_mm, "{left_out}, {turn}: {told}, u {u_mm}");
+                assert!(u_mm < PIXEL_MM * (0.3 + 0.25 * f64::from(left_out)), "{left_out}: u {u_mm}");
+                let (untold, none) = radius(&points, None);
+                let missing = untold - RADIUS_MM;
+                assert!(
+                    none == 0.0 && missing > (f64::from(left_out) - 0.3) * PIXEL_MM,
+                    "{left_out}, {turn}: {missing}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_band_that_hardly_reaches_the_points_is_refused() {
+        let near = Placed { outline: Outline::Circle(RADIUS_MM), center: [0.0; 2], turn_rad: 0.0 };
+        let points = plate(0.3, [0.0; 2], 2);
+        let refused = border(&points, &near, true, 1.5, 0.0, Some(2)).unwrap_err();
+        assert!(refused.to_string().contains("edge_px = 0"), "{refused}");
     }
 }

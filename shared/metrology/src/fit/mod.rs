@@ -56,7 +56,7 @@ pub(crate) use correlation::{Rows, estimate_rows};
 pub use cylinder::{CylinderFit, cylinder};
 pub use derived::{
     Derived, DirectionAngles, centre_distance_mm, direction_angles, height_mm, plane_angle_rad,
-    plane_distance_mm, sphere_height_mm,
+    plane_distance_mm, share_across, sphere_height_mm,
 };
 pub(crate) use elimination::solve_square;
 pub use error::{COORDINATE_LIMIT_MM, FitError};

@@ -45,14 +45,14 @@ pub(super) fn outlined(
             let flat = places.iter().map(|place| Point3::from(sheet.position(*place))).collect();
             Ok((FittedElement::Line(found), flat, None))
         }
-        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm } => {
+        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm, rim_px } => {
             let plane =
                 fit::plane(points, &FitSettings { max_reject_fraction: 0.0, ..*settings })?.towards(normal);
             let sheet = sheet_on(&plane, center_mm, &edges[0]);
             let places: Vec<[f64; 2]> = points.iter().map(|p| sheet.place(&p.coords)).collect();
             let mut near = Placed { outline: *outline, center: [0.0; 2], turn_rad: 0.0 };
             for round in 1.. {
-                let found = border(&places, &near, *internal, *band_mm, *inset_mm)?;
+                let found = border(&places, &near, *internal, *band_mm, *inset_mm, *rim_px)?;
                 let last = round == ROUNDS;
                 // The border is that of the points in their plane: what moves them off it does not move it.
                 let in_plane = FitSettings { shared_mm: &[], ..*settings };
@@ -62,6 +62,7 @@ pub(super) fn outlined(
                     let fitted = with_form(fitted, &found, || {
                         contour(&found.points, &near, &sheet, Some(&plane), &in_plane)
                     })?;
+                    let fitted = fitted.with_rim(found.u_rim_mm);
                     let behind = found.points.iter().map(|p| Point3::from(sheet.position(*p))).collect();
                     let fitted = match outline {
                         Outline::Circle(_) => FittedElement::Circle(fitted),
@@ -140,7 +141,9 @@ pub(super) fn associated(
         FittedElement::Circle(circle) => {
             let place = Point3::from(circle.center_mm);
             let of_plane = plane.map_or_else(Default::default, |plane| plane.chart_at(&place));
-            circle.circle_replaced(&behind, &of_plane, side, u).map(FittedElement::Circle)
+            let u_rim_mm = circle.u_rim_mm;
+            let replaced = circle.circle_replaced(&behind, &of_plane, side, u);
+            replaced.map(|circle| FittedElement::Circle(circle.with_rim(u_rim_mm)))
         }
         other => Ok(other),
     };

@@ -19,6 +19,7 @@ use super::stretch::{STRETCH, Stretch};
 use crate::fit::{self, Correlation, FitError, FitSettings};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
+use fringe::math;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
 pub(super) const REACH_MARGINS: f64 = 2.0;
@@ -50,7 +51,7 @@ pub(super) struct Measured {
     pub filtered: Vec<(f64, Result<Filtered, MeasureError>)>,
     /// Points behind the fit in the part frame; of an outline those of its border.
     pub positions: Vec<Point3<f64>>,
-    /// Root mean square of the errors that the points may have in common, mm.
+    /// Root mean square of the errors that the points may have in common, mm; of an outline with that of how far out its sides lie.
     pub shared_mm: f64,
 }
 
@@ -205,7 +206,8 @@ pub(super) fn measure(
     let points = deviations(&nominal, &found, numbers, surface.as_ref().unwrap_or(&behind));
     let of_edge = |edge: &f64| (*edge, filtered(&across, &found.residuals().deviation_mm, *edge));
     let filtered = filters_mm.iter().map(of_edge).collect();
-    Ok(Measured { fit: found, points, filtered, positions: behind, shared_mm: rms(&shared_mm) })
+    let shared_mm = math::hypot(rms(&shared_mm), found.u_rim_mm());
+    Ok(Measured { fit: found, points, filtered, positions: behind, shared_mm })
 }
 
 /// Root mean square of the errors that points may have in common, as far as it counts: what an extreme of the element may be off by. Not the

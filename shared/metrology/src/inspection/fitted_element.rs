@@ -61,6 +61,14 @@ macro_rules! each {
 }
 
 impl FittedElement {
+    /// Standard uncertainty of how far out a side of an outline lies, mm, where the cloud leaves out its rims; 0 of other elements.
+    pub fn u_rim_mm(&self) -> f64 {
+        match self {
+            Self::Circle(fit) | Self::Slot(fit) | Self::Rectangle(fit) | Self::Edge(fit) => fit.u_rim_mm,
+            _ => 0.0,
+        }
+    }
+
     /// The kind of element as files and reports name it.
     pub fn kind(&self) -> &'static str {
         match self {

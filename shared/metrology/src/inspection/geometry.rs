@@ -108,6 +108,8 @@ pub enum Geometry {
         band_mm: f64,
         /// Distance from corners and ends within which nothing is looked at, mm.
         inset_mm: f64,
+        /// Of a cloud of cameras: pixels that were left out at the rims of faces ([`super::Plan::with_rims_left_out`]).
+        rim_px: Option<u32>,
     },
     /// A straight strip of a surface, seen in the section along it.
     Line {

@@ -7,6 +7,7 @@ use super::constructed::shortest;
 use super::datum::carried;
 use super::joint::{Joint, Part, pick};
 use super::substitute::{Shape, Substitute};
+use crate::fit::share_across;
 use fringe::math;
 
 /// Sine of the angle up to which axes count as parallel for their distance: 5°.
@@ -43,8 +44,8 @@ pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String>
         Kind::Angle => {
             let (value, covariance) = joint.propagated(&sources, &|parts| turn(one, parts))?;
             let sine = Vector3::new(value[0], value[1], value[2]);
-            let angle = math::atan2(sine.norm(), value[3]);
-            // Near 0° and 180° the angle is the length of a vector, elsewhere as smooth as its sine and cosine.
+            let angle = told(&pick(&joint.measured(), &one.elements)?, &value);
+            // Near 0° and 180° the angle of both directions is the length of a vector, elsewhere as smooth as its sine and cosine.
             let u = length_u(&sine, &corner(&covariance));
             let direct = if sine.norm() > 0.0 {
                 let along = sine / sine.norm();
@@ -75,15 +76,12 @@ fn corner<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Matrix3<f64> {
     Matrix3::from_fn(|r, c| covariance[(r, c)])
 }
 
-/// Standard uncertainty of the length of a vector. Far from zero it is that along the vector; near zero noise across it
-/// lengthens the vector, and the root mean square about the true length holds all of it.
+/// Standard uncertainty of the length of a vector: that along it, and near zero that across it, too ([`share_across`]).
 pub fn length_u(vector: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
     let square = vector.norm_squared();
     let along = if square > 0.0 { (covariance * vector).dot(vector) / square } else { 0.0 };
     let across = (covariance.trace() - along).max(0.0);
-    let far = 4.0 * across;
-    let share = if square <= far { 1.0 } else { (far / square) * (far / square) };
-    (along + share * across).max(0.0).sqrt()
+    (along + share_across(square, across) * across).max(0.0).sqrt()
 }
 
 /// A nominal and a measured element in the datum frame. An orientation's nominal direction follows the measured one along
@@ -166,7 +164,7 @@ fn distance(a: &Substitute, b: &Substitute) -> f64 {
     }
 }
 
-/// Sine vector and cosine of the angle between two elements; between plane and axis that of axis and plane.
+/// Sine vector and cosine of the angle between the directions of two elements.
 fn turn(one: &Characteristic, parts: &[Part]) -> Result<[f64; 4], String> {
     let elements = pick(parts, &one.elements)?;
     let [a, b] = &elements[..] else { return Err("an angle is that of two elements".into()) };
@@ -180,21 +178,20 @@ fn angle_parts(a: &Substitute, b: &Substitute) -> Result<[f64; 4], String> {
         );
     }
     let (cross, dot) = (a.direction.cross(&b.direction), a.direction.dot(&b.direction));
-    if (a.shape == Shape::Plane) == (b.shape == Shape::Plane) {
-        return Ok([cross.x, cross.y, cross.z, dot]);
-    }
-    // The angle of axis and plane is the complement of that with the normal.
-    let along = if a.shape == Shape::Plane { (b.direction, a.direction) } else { (a.direction, b.direction) };
-    let foot = along.0 - along.1 * along.0.dot(&along.1);
-    let up = along.1 * along.0.dot(&along.1).abs();
-    Ok([up.x, up.y, up.z, foot.norm()])
+    Ok([cross.x, cross.y, cross.z, dot])
+}
+
+/// The angle of two elements from the sine vector and the cosine of their directions, rad: that of axis and plane is the complement of that with the normal.
+fn told(elements: &[Substitute], [x, y, z, cosine]: &[f64; 4]) -> f64 {
+    let angle = math::atan2(Vector3::new(*x, *y, *z).norm(), *cosine);
+    let planes = elements.iter().filter(|element| element.shape == Shape::Plane).count();
+    if planes == 1 { (std::f64::consts::FRAC_PI_2 - angle).abs() } else { angle }
 }
 
 /// The nominal angle of two elements, deg.
 pub fn nominal_angle_deg(elements: &[Substitute]) -> Result<f64, String> {
     let [a, b] = elements else { return Err("an angle is that of two elements".into()) };
-    let [x, y, z, cosine] = angle_parts(a, b)?;
-    Ok(math::atan2(Vector3::new(x, y, z).norm(), cosine).to_degrees())
+    Ok(told(elements, &angle_parts(a, b)?).to_degrees())
 }
 
 /// How far the extent of an element leaves the nominal direction, mm: of an axis a vector, of a plane along both edges.

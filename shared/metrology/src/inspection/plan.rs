@@ -274,6 +274,18 @@ impl Plan {
         self
     }
 
+    /// The same plan for clouds of cameras of which so many pixels were left out at the rims of faces (`edge_px` of the reconstruction): their outlines lie
+    /// as much further out.
+    #[must_use]
+    pub fn with_rims_left_out(mut self, pixels: u32) -> Self {
+        for element in &mut self.elements {
+            if let Geometry::Outline { rim_px, .. } = &mut element.geometry {
+                *rim_px = Some(pixels);
+            }
+        }
+        self
+    }
+
     /// Name of an element, measured or constructed; empty for none.
     pub fn element_name(&self, index: usize) -> &str {
         let made = index.checked_sub(self.elements.len()).and_then(|i| self.constructed.get(i));
