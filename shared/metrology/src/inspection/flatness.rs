@@ -5,10 +5,16 @@
 //! of the largest |residuals|, and the variance of the j-th largest is β² Σ 1/i², i ≥ j, over the square of p xᵖ⁻¹. With
 //! p = 2 that is the tail of Gaussian noise, with p = 1 a heavier one; the residuals themselves say by their likelihood
 //! which of the two they have.
+//!
+//! A few points may be none of that noise: those of a crease, of a rim. The largest then lies beyond what the tail lets expect, and differs from cloud to cloud by
+//! about as much.
 
 use crate::fit::{PlaneFit, Residuals};
 use fringe::math;
 use std::f64::consts::FRAC_1_SQRT_2;
+
+/// The largest is no noise's where it lies beyond what the tail lets expect by so many standard deviations of a largest one.
+const STRANGE: f64 = 2.5;
 
 /// Share of the points taken as the tail, and the limits of their number.
 const TAIL_SHARE: usize = 50;
@@ -83,7 +89,9 @@ fn u_range(deviations: &[f64], rejected: usize, effect: f64, heavy_tail: bool) -
     } else {
         4.0 * inverse_squares_from((rejected as f64 / effect.max(1.0) + 1.0).max(1.0))
     };
-    found.scale_at(largest[0]) * variance.sqrt()
+    let of_noise = found.scale_at(largest[0]) * variance.sqrt();
+    // What was cut off ends the range: nothing is beyond it.
+    if rejected == 0 { math::hypot(of_noise, found.beyond(&largest[..=tail])) } else { of_noise }
 }
 
 /// An exponential tail of the residuals or of their squares.
@@ -115,6 +123,18 @@ impl Tail {
     /// Scale of the tail; its square is unbiased: the mean of n exponentials has the square (n + 1)/n of its own.
     fn scale(&self) -> f64 {
         self.mean * (self.count / (self.count + 1.0)).sqrt()
+    }
+
+    /// How far the largest residual lies beyond what this tail of all of them lets expect; 0 where chance explains it.
+    fn beyond(&self, largest: &[f64]) -> f64 {
+        let raised = |x: f64| if self.squared { x * x } else { x };
+        let lowest = raised(largest[largest.len() - 1]);
+        let expected = lowest + self.mean * (1..largest.len()).map(|i| 1.0 / i as f64).sum::<f64>();
+        let chance = STRANGE * self.mean * inverse_squares_from(1.0).sqrt();
+        if raised(largest[0]) <= expected + chance {
+            return 0.0;
+        }
+        largest[0] - if self.squared { expected.sqrt() } else { expected }
     }
 
     /// Scale of the residuals themselves at one of them.
@@ -178,6 +198,30 @@ mod tests {
             let squares: f64 = ranges.iter().map(|r| (r - mean).powi(2)).sum();
             let ratio = (squares / (trials - 1) as f64).sqrt() / stated.sqrt();
             assert!((0.85..1.12).contains(&ratio), "{name}, {count} points, {rejected} rejected: {ratio}");
+        }
+    }
+
+    /// Few points with more noise make the ends of a range, and hardly change its tail.
+    #[test]
+    fn ends_that_are_not_of_the_noise_are_uncertain_by_what_they_stick_out() {
+        for (few, noisier) in [(3, 3.0), (10, 3.0), (3, 6.0), (10, 6.0)] {
+            let (mut ranges, mut stated, mut without) = (Vec::new(), 0.0, 0.0);
+            let trials: u64 = 400;
+            for seed in 0..trials {
+                let mut noise = Noise(seed);
+                let mut values: Vec<f64> = (0..5000).map(|_| noise.normal()).collect();
+                without += u_range_mm(&values, 0, 1.0).powi(2) / trials as f64;
+                values.iter_mut().take(few).for_each(|value| *value *= noisier);
+                let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+                ranges.push(high - low);
+                stated += u_range_mm(&values, 0, 1.0).powi(2) / trials as f64;
+            }
+            let mean = ranges.iter().sum::<f64>() / trials as f64;
+            let squares: f64 = ranges.iter().map(|r| (r - mean).powi(2)).sum();
+            let scatter = (squares / (trials - 1) as f64).sqrt();
+            let (ratio, before) = (scatter / stated.sqrt(), scatter / without.sqrt());
+            assert!((0.5..1.4).contains(&ratio), "{few} points, {noisier} times: {ratio}, {before}");
         }
     }
 }
