@@ -117,7 +117,12 @@ impl Args {
             None if self.independent => Correlation::Independent,
             None => Correlation::Estimated,
         };
-        FitSettings { max_reject_fraction: self.reject, within_mm: self.within, correlation, shared_mm: &[] }
+        FitSettings {
+            max_reject_fraction: self.reject,
+            within_mm: self.within,
+            correlation,
+            ..FitSettings::default()
+        }
     }
 }
 

@@ -8,10 +8,10 @@
 //! outermost points may lie off.
 //!
 //! A cloud of cameras ends before its surface does: pixels at the rim of a face are left out, where light of both sides mixes. Who knows how many says so
-//! ([`border`], `rim_px`); then the border lies as much further out. What light does at the edge of another cloud is not seen here and belongs to `u_system_mm`.
+//! ([`LeftOut`]); then the border lies as much further out. What light does at the edge of another cloud is not seen here and belongs to `u_system_mm`.
 
-use super::FitError;
 use super::outline::Placed;
+use super::{FitError, LeftOut};
 
 /// Most and fewest strips along an outline, and their width in spacings of the points.
 const MOST_STRIPS: f64 = 360.0;
@@ -66,9 +66,9 @@ struct Rim {
 }
 
 impl Rim {
-    /// Of so many pixels, one of which lies on each point.
-    fn of(pixels: u32, density: f64) -> Self {
-        let (pixels, pixel_mm) = (f64::from(pixels), 1.0 / density.sqrt());
+    /// Where so many points lie on a square millimetre.
+    fn of(left_out: LeftOut, density: f64) -> Self {
+        let (pixels, pixel_mm) = (f64::from(left_out.pixels), (left_out.layers / density).sqrt());
         let u_px = (RIM_U * pixels * (RIM_U * pixels) + LIGHT_U_PX * LIGHT_U_PX).sqrt();
         Self { width_mm: RIM_MEAN * pixels * pixel_mm, u_mm: u_px * pixel_mm }
     }
@@ -95,8 +95,8 @@ struct Gaps {
 }
 
 /// Finds where a surface ends near an outline. `hole`: the material lies outside of it. Points deeper than `band_mm` in
-/// the material, and within `corner_mm` of a corner or end, are not looked at. `rim_px`: the points are those of a camera's pixels, of which so many were
-/// left out at the rim of a face; `None`: nothing is known of them.
+/// the material, and within `corner_mm` of a corner or end, are not looked at. `left_out`: what the points of cameras lack at the
+/// rim of a face; `None`: nothing is known of it.
 ///
 /// # Errors
 /// Too few points, an outline that the surface borders along less than half of its length, or a band that hardly reaches the points.
@@ -106,7 +106,7 @@ pub fn border(
     hole: bool,
     band_mm: f64,
     corner_mm: f64,
-    rim_px: Option<u32>,
+    left_out: Option<LeftOut>,
 ) -> Result<Border, FitError> {
     // An edge's material lies on its left, where the distance is negative.
     let sign = if hole { 1.0 } else { -1.0 };
@@ -122,7 +122,7 @@ pub fn border(
         })
         .collect();
     let density = density(&seen, &pieces, sign, band_mm)?;
-    let rim = rim_px.map_or_else(Rim::default, |pixels| Rim::of(pixels, density));
+    let rim = left_out.map_or_else(Rim::default, |left_out| Rim::of(left_out, density));
     if rim.width_mm > MOST_RIM * band_mm {
         return Err(FitError::Degenerate { element: "outline", why: NARROW });
     }
@@ -292,10 +292,15 @@ mod tests {
         all.filter(|(u, v)| !near(*u, *v)).map(|(u, v)| at(u, v)).collect()
     }
 
+    /// What one pair leaves out.
+    fn alone(pixels: u32) -> LeftOut {
+        LeftOut { pixels, layers: 1.0 }
+    }
+
     /// Mean distance of the border from the middle, mm, and its uncertainty.
-    fn radius(points: &[[f64; 2]], rim_px: Option<u32>) -> (f64, f64) {
+    fn radius(points: &[[f64; 2]], pixels: Option<u32>) -> (f64, f64) {
         let near = Placed { outline: Outline::Circle(RADIUS_MM), center: [0.0; 2], turn_rad: 0.0 };
-        let found = border(points, &near, true, 4.0, 0.0, rim_px).unwrap();
+        let found = border(points, &near, true, 4.0, 0.0, pixels.map(alone)).unwrap();
         let sum: f64 = found.points.iter().map(|[x, y]| hypot(*x, *y)).sum();
         (sum / found.points.len() as f64, found.u_rim_mm)
     }
@@ -323,7 +328,7 @@ mod tests {
     fn a_band_that_hardly_reaches_the_points_is_refused() {
         let near = Placed { outline: Outline::Circle(RADIUS_MM), center: [0.0; 2], turn_rad: 0.0 };
         let points = plate(0.3, [0.0; 2], 2);
-        let refused = border(&points, &near, true, 1.5, 0.0, Some(2)).unwrap_err();
+        let refused = border(&points, &near, true, 1.5, 0.0, Some(alone(2))).unwrap_err();
         assert!(refused.to_string().contains("edge_px = 0"), "{refused}");
     }
 }

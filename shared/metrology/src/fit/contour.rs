@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::centred::Centred;
-use super::chart::{ChartCovariance, Effect, charted};
+use super::chart::{CHART, ChartCovariance, Effect, charted};
 use super::form::{Form, Residuals};
 use super::outline::{Outline, Placed};
 use super::solve::solve;
@@ -89,7 +89,7 @@ impl ContourFit {
     /// little; an edge moves.
     #[must_use]
     pub fn with_rim(mut self, u_mm: f64) -> Self {
-        let mut by = SVector::<f64, 8>::zeros();
+        let mut by = SVector::<f64, CHART>::zeros();
         self.u_rim_mm = u_mm;
         if self.size_mm == [0.0; 2] {
             let across = Vector3::from(self.normal).cross(&Vector3::from(self.direction));

@@ -69,7 +69,7 @@ pub use normal::tangents;
 pub use outline::{Outline, Placed};
 pub use plane::{PlaneFit, plane};
 pub use search::{find_plane, find_sphere};
-pub use settings::{Correlation, FitSettings};
+pub use settings::{Correlation, FitSettings, LeftOut};
 pub(crate) use shared::beyond_noise;
 pub(crate) use sphere::sphere_centre_near;
 pub use sphere::{SphereFit, sphere, sphere_of_diameter};

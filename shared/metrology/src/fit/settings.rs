@@ -29,4 +29,15 @@ pub struct FitSettings<'a> {
     /// Standard deviation of the error of each point that others may have in common, mm ([`fringe::cloud::Point::shared_mm`]); empty
     /// where there is none. It moves the stated uncertainties, never the element.
     pub shared_mm: &'a [f32],
+    /// What the cloud leaves out at the rims of faces, for outlines; `None` where nothing is known of it.
+    pub left_out: Option<LeftOut>,
+}
+
+/// What a cloud of cameras leaves out at the rims of faces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOut {
+    /// Pixels from the rim.
+    pub pixels: u32,
+    /// Points that lie on a pixel: those of all pairs that see the same surface.
+    pub layers: f64,
 }

@@ -45,14 +45,14 @@ pub(super) fn outlined(
             let flat = places.iter().map(|place| Point3::from(sheet.position(*place))).collect();
             Ok((FittedElement::Line(found), flat, None))
         }
-        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm, rim_px } => {
+        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm, .. } => {
             let plane =
                 fit::plane(points, &FitSettings { max_reject_fraction: 0.0, ..*settings })?.towards(normal);
             let sheet = sheet_on(&plane, center_mm, &edges[0]);
             let places: Vec<[f64; 2]> = points.iter().map(|p| sheet.place(&p.coords)).collect();
             let mut near = Placed { outline: *outline, center: [0.0; 2], turn_rad: 0.0 };
             for round in 1.. {
-                let found = border(&places, &near, *internal, *band_mm, *inset_mm, *rim_px)?;
+                let found = border(&places, &near, *internal, *band_mm, *inset_mm, settings.left_out)?;
                 let last = round == ROUNDS;
                 // The border is that of the points in their plane: what moves them off it does not move it.
                 let in_plane = FitSettings { shared_mm: &[], ..*settings };

@@ -16,7 +16,7 @@ use super::plan::Element;
 use super::region::Region;
 use super::result::DeviationPoint;
 use super::stretch::{STRETCH, Stretch};
-use crate::fit::{self, Correlation, FitError, FitSettings};
+use crate::fit::{self, Correlation, FitError, FitSettings, LeftOut};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 use fringe::math;
@@ -191,7 +191,10 @@ pub(super) fn measure(
         shared_mm.clear();
     }
     let max_reject_fraction = element.max_reject_fraction;
-    let settings = FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm, within_mm: None };
+    let left_out =
+        element.geometry.rim_px().map(|pixels| LeftOut { pixels, layers: nearby.layers(&chosen.places) });
+    let settings =
+        FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm, within_mm: None, left_out };
     let fitted = fit(element, &chosen.positions, &settings)?;
     let given = std::mem::take(&mut chosen.positions);
     // Behind an outline lie the points of its border.

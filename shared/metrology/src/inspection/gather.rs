@@ -8,6 +8,7 @@ use super::region::Region;
 use super::stretch::{STRETCH, Stretch};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
+use std::collections::BTreeMap;
 
 /// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
 const PARTS: usize = 8;
@@ -29,6 +30,17 @@ impl<'a> Nearby<'a> {
     /// Numbers in the cloud, in its order.
     pub fn numbers(&self) -> &[u32] {
         &self.numbers
+    }
+
+    /// How many pairs see the same of some of them, by their places here: as many as there would be with an equal number of points each.
+    pub fn layers(&self, places: &[u32]) -> f64 {
+        let mut counts = BTreeMap::new();
+        for place in places {
+            *counts.entry(self.point(self.numbers[*place as usize]).pair).or_insert(0.0) += 1.0;
+        }
+        let squares: f64 = counts.values().map(|count: &f64| count * count).sum();
+        let all = places.len() as f64;
+        if squares > 0.0 { all * all / squares } else { 1.0 }
     }
 
     /// A point by its number in the cloud.

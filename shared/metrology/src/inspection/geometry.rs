@@ -226,6 +226,11 @@ impl Geometry {
         matches!(self, Self::Cylinder { internal: true, .. } | Self::Cone { internal: true, .. })
     }
 
+    /// Of an outline in a cloud of cameras: pixels that were left out at the rims of faces.
+    pub fn rim_px(&self) -> Option<u32> {
+        if let Self::Outline { rim_px, .. } = self { *rim_px } else { None }
+    }
+
     /// Whether it is fitted to the border or a section of its points, and not to these points themselves.
     pub fn is_outlined(&self) -> bool {
         matches!(self, Self::Outline { .. } | Self::Line { .. })

@@ -9,6 +9,7 @@ mod datums;
 mod drafts;
 mod flatness;
 mod freeform;
+mod outlines;
 mod part;
 mod places;
 mod plans;
