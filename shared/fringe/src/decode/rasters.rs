@@ -142,7 +142,7 @@ impl Rasters {
 /// A part of all kept frames of one width.
 #[derive(Debug, Clone, Copy)]
 pub struct Part<'a, T> {
-    /// All kept frames.
+    /// The frames that are kept.
     pub kept: &'a Kept<T>,
     /// First pixel of the part.
     pub start: usize,
