@@ -127,28 +127,22 @@ impl ViewDecoder {
         view: &FrameView<'_>,
         push: impl FnOnce(&mut Decoder, usize) -> Result<(), DecodeError>,
     ) -> Result<(), ViewError> {
-        let Some(several) = &mut self.several else { return self.land(frame, view, push) };
-        let index = several.place(&self.decoder, frame)?;
+        let Self { decoder, method, frames, several, evidence } = self;
+        // After the last frame of an exposure the method is applied.
+        let land = |decoder: &mut Decoder, index: usize| -> Result<(), ViewError> {
+            push(decoder, index)?;
+            frames.add(index, view);
+            if index + 1 == decoder.frames() {
+                method.apply(decoder, frames)?;
+            }
+            Ok(())
+        };
+        let Some(several) = several else { return land(decoder, frame) };
+        let index = several.place(decoder, frame)?;
         let exposure_ms = several.exposure_ms();
         let of = |source| ViewError::Exposure { exposure_ms, source: Box::new(source) };
-        self.land(index, view, push).map_err(of)?;
-        let Some(several) = &mut self.several else { return Ok(()) };
-        several.landed(&mut self.decoder, self.evidence).map_err(|error| of(error.into()))
-    }
-
-    /// Takes a frame of an exposure; after the last one the method is applied.
-    fn land(
-        &mut self,
-        index: usize,
-        view: &FrameView<'_>,
-        push: impl FnOnce(&mut Decoder, usize) -> Result<(), DecodeError>,
-    ) -> Result<(), ViewError> {
-        push(&mut self.decoder, index)?;
-        self.frames.add(index, view);
-        if index + 1 == self.decoder.frames() {
-            self.method.apply(&mut self.decoder, &self.frames)?;
-        }
-        Ok(())
+        land(decoder, index).map_err(of)?;
+        several.landed(decoder, *evidence).map_err(|error| of(error.into()))
     }
 
     /// The axes of which the sequence gives a phase, x before y.

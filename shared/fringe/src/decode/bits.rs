@@ -168,7 +168,7 @@ fn whole(value: f32) -> u32 {
 }
 
 /// A stored grey value and the signed integer that holds sums of two of them.
-trait Grey: Copy + Default + Send {
+trait Grey: Copy {
     type Wide: Copy + Default + PartialOrd + Sub<Output = Self::Wide> + Neg<Output = Self::Wide>;
     fn sum(a: Self, b: Self) -> Self::Wide;
     fn value(self) -> f32;

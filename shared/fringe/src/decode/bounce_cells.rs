@@ -210,7 +210,7 @@ impl Light<'_> {
     }
 
     #[inline(always)]
-    fn sum_of<S: Simd, const ALL: bool, T: Copy + Default + Send + Into<u16>>(
+    fn sum_of<S: Simd, const ALL: bool, T: Copy + Default + Into<u16>>(
         &self,
         simd: S,
         kept: &Kept<T>,

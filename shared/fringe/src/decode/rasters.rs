@@ -25,15 +25,17 @@ pub enum Rasters {
 #[derive(Debug, Clone)]
 pub struct Kept<T>(Vec<Arc<Vec<T>>>);
 
-impl<T: Copy + Default + Send> Kept<T> {
-    fn new(count: usize, pixels: usize) -> Self {
-        Self((0..count).map(|_| Arc::new(vec![T::default(); pixels])).collect())
-    }
-
+impl<T> Kept<T> {
     /// Grey values of a frame.
     #[inline(always)]
     pub fn raster(&self, index: usize) -> &[T] {
         &self.0[index]
+    }
+}
+
+impl<T: Copy + Default + Send> Kept<T> {
+    fn new(count: usize, pixels: usize) -> Self {
+        Self((0..count).map(|_| Arc::new(vec![T::default(); pixels])).collect())
     }
 
     fn copy<U: Copy + Sync>(&mut self, index: usize, values: &[U], convert: impl Fn(U) -> T + Sync) {
@@ -150,7 +152,7 @@ pub struct Part<'a, T> {
     pub end: usize,
 }
 
-impl<'a, T: Copy + Default + Send> Part<'a, T> {
+impl<'a, T> Part<'a, T> {
     /// The pixels of a range.
     #[inline(always)]
     pub fn new(kept: &'a Kept<T>, range: &Range<usize>) -> Self {

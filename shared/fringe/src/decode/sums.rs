@@ -180,7 +180,7 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add_frames<T: Copy + Default + Send + Into<i32>>(&self, part: &Part<T>, out: &mut BlockSums) {
+    fn add_frames<T: Copy + Into<i32>>(&self, part: &Part<T>, out: &mut BlockSums) {
         match self.half_turn {
             Some(half_turn) => self.add_steps::<true, T>(half_turn, part, out),
             None => self.add_steps::<false, T>(self.weights.len(), part, out),
@@ -188,7 +188,7 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add_steps<const PAIRED: bool, T: Copy + Default + Send + Into<i32>>(
+    fn add_steps<const PAIRED: bool, T: Copy + Into<i32>>(
         &self,
         steps: usize,
         part: &Part<T>,
@@ -214,7 +214,7 @@ impl Sums {
     /// Adds K frames in their order, the first ones overwrite what was there; those of pairs with the frames half a turn on, since the sine of both
     /// takes one product, and their difference is exact.
     #[inline(always)]
-    fn add<const K: usize, const FIRST: bool, const PAIRED: bool, T: Copy + Default + Send + Into<i32>>(
+    fn add<const K: usize, const FIRST: bool, const PAIRED: bool, T: Copy + Into<i32>>(
         &self,
         step: usize,
         half_turn: usize,
@@ -345,7 +345,7 @@ impl Clipping {
     }
 
     #[inline(always)]
-    fn most<T: Copy + Default + Send + Ord>(&self, part: &Part<T>, clipped: T, out: &mut [u8; BLOCK]) {
+    fn most<T: Copy + Default + Ord>(&self, part: &Part<T>, clipped: T, out: &mut [u8; BLOCK]) {
         let count = (part.end - part.start).min(BLOCK);
         let mut most = [T::default(); BLOCK];
         for raster in &self.rasters {

@@ -310,7 +310,7 @@ impl Survey<'_> {
 impl Reflectance<'_> {
     /// White less black from pixel `at` on, DN; 0 where white is clipped or not brighter.
     #[inline(always)]
-    fn read<T: Copy + Default + Send + Into<u16>>(&self, kept: &Kept<T>, at: usize) -> Lanes {
+    fn read<T: Copy + Into<u16>>(&self, kept: &Kept<T>, at: usize) -> Lanes {
         let white = &kept.raster(self.levels.white)[at..][..LANES];
         let black = &kept.raster(self.levels.black)[at..][..LANES];
         let mut out = [0.0; LANES];

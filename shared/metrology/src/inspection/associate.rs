@@ -45,7 +45,7 @@ pub(super) fn outlined(
             let flat = places.iter().map(|place| Point3::from(sheet.position(*place))).collect();
             Ok((FittedElement::Line(found), flat, None))
         }
-        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm, .. } => {
+        Geometry::Outline { center_mm, normal, edges, outline, internal, band_mm, inset_mm } => {
             let plane =
                 fit::plane(points, &FitSettings { max_reject_fraction: 0.0, ..*settings })?.towards(normal);
             let sheet = sheet_on(&plane, center_mm, &edges[0]);

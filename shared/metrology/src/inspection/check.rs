@@ -54,6 +54,7 @@ impl Plan {
             datum_systems: Vec::new(),
             characteristics: Vec::new(),
             features: Vec::new(),
+            rims_left_out_px: None,
         };
         check_constructed(&plan)?;
         plan.datum_systems = datum_systems(raw.datum_system, &plan)?;

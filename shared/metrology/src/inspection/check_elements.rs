@@ -208,7 +208,6 @@ fn circle(raw: &RawCircle, place: &Within) -> Result<Geometry, PlanError> {
         internal: raw.internal,
         band_mm: place.positive("band_mm", raw.band_mm)?,
         inset_mm: 0.0,
-        rim_px: None,
     })
 }
 
@@ -239,7 +238,6 @@ fn oblong(raw: &RawOblong, place: &Within, round: bool) -> Result<Geometry, Plan
         } else {
             place.check("inset_mm", raw.inset_mm, 0.0..=0.4 * width, "0 … 0.4 of the width")?
         },
-        rim_px: None,
     })
 }
 
@@ -256,7 +254,6 @@ fn edge(raw: &RawEdge, place: &Within) -> Result<Geometry, PlanError> {
         internal: false,
         band_mm: place.positive("band_mm", raw.band_mm)?,
         inset_mm: 0.0,
-        rim_px: None,
     })
 }
 

@@ -160,7 +160,7 @@ pub(super) fn fit(
 }
 
 /// Fits an element on its candidates: region about the nominal geometry, then about rough fits until it stands still. Of a plane the
-/// flatness after filters of these edges, mm, too: here other elements are still fitted beside it.
+/// flatness after filters of these edges, mm, too: here other elements are still fitted beside it. `rims_left_out_px`: what the cloud lacks at the rims of faces.
 ///
 /// # Errors
 /// Too few points, no surface, too far from nominal, no fit.
@@ -169,6 +169,7 @@ pub(super) fn measure(
     nearby: &Nearby,
     correlation: Correlation,
     filters_mm: &[f64],
+    rims_left_out_px: Option<u32>,
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
@@ -191,8 +192,8 @@ pub(super) fn measure(
         shared_mm.clear();
     }
     let max_reject_fraction = element.max_reject_fraction;
-    let left_out =
-        element.geometry.rim_px().map(|pixels| LeftOut { pixels, layers: nearby.layers(&chosen.places) });
+    let left_out = rims_left_out_px.filter(|_| element.geometry.is_outlined());
+    let left_out = left_out.map(|pixels| LeftOut { pixels, layers: nearby.layers(&chosen.places) });
     let settings =
         FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm, within_mm: None, left_out };
     let fitted = fit(element, &chosen.positions, &settings)?;

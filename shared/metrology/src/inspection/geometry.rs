@@ -108,8 +108,6 @@ pub enum Geometry {
         band_mm: f64,
         /// Distance from corners and ends within which nothing is looked at, mm.
         inset_mm: f64,
-        /// Of a cloud of cameras: pixels that were left out at the rims of faces ([`super::Plan::with_rims_left_out`]).
-        rim_px: Option<u32>,
     },
     /// A straight strip of a surface, seen in the section along it.
     Line {
@@ -224,11 +222,6 @@ impl Geometry {
     /// Whether the surface is that of a bore: its normals point to its axis.
     pub fn is_internal(&self) -> bool {
         matches!(self, Self::Cylinder { internal: true, .. } | Self::Cone { internal: true, .. })
-    }
-
-    /// Of an outline in a cloud of cameras: pixels that were left out at the rims of faces.
-    pub fn rim_px(&self) -> Option<u32> {
-        if let Self::Outline { rim_px, .. } = self { *rim_px } else { None }
     }
 
     /// Whether it is fitted to the border or a section of its points, and not to these points themselves.

@@ -44,7 +44,7 @@ pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String>
         Kind::Angle => {
             let (value, covariance) = joint.propagated(&sources, &|parts| turn(one, parts))?;
             let sine = Vector3::new(value[0], value[1], value[2]);
-            let angle = told(&pick(&joint.measured(), &one.elements)?, &value);
+            let angle = angle_rad(&pick(&joint.measured(), &one.elements)?, &value);
             // Near 0° and 180° the angle of both directions is the length of a vector, elsewhere as smooth as its sine and cosine.
             let u = length_u(&sine, &corner(&covariance));
             let direct = if sine.norm() > 0.0 {
@@ -182,7 +182,7 @@ fn angle_parts(a: &Substitute, b: &Substitute) -> Result<[f64; 4], String> {
 }
 
 /// The angle of two elements from the sine vector and the cosine of their directions, rad: that of axis and plane is the complement of that with the normal.
-fn told(elements: &[Substitute], [x, y, z, cosine]: &[f64; 4]) -> f64 {
+fn angle_rad(elements: &[Substitute], [x, y, z, cosine]: &[f64; 4]) -> f64 {
     let angle = math::atan2(Vector3::new(*x, *y, *z).norm(), *cosine);
     let planes = elements.iter().filter(|element| element.shape == Shape::Plane).count();
     if planes == 1 { (std::f64::consts::FRAC_PI_2 - angle).abs() } else { angle }
@@ -191,7 +191,7 @@ fn told(elements: &[Substitute], [x, y, z, cosine]: &[f64; 4]) -> f64 {
 /// The nominal angle of two elements, deg.
 pub fn nominal_angle_deg(elements: &[Substitute]) -> Result<f64, String> {
     let [a, b] = elements else { return Err("an angle is that of two elements".into()) };
-    Ok(told(elements, &angle_parts(a, b)?).to_degrees())
+    Ok(angle_rad(elements, &angle_parts(a, b)?).to_degrees())
 }
 
 /// How far the extent of an element leaves the nominal direction, mm: of an axis a vector, of a plane along both edges.

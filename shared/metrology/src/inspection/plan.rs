@@ -262,6 +262,8 @@ pub struct Plan {
     pub characteristics: Vec<Characteristic>,
     /// Features in the order of the plan.
     pub features: Vec<Feature>,
+    /// Of clouds of cameras: pixels that were left out at the rims of faces; `None` where nothing is known of them.
+    pub rims_left_out_px: Option<u32>,
 }
 
 impl Plan {
@@ -278,11 +280,7 @@ impl Plan {
     /// as much further out.
     #[must_use]
     pub fn with_rims_left_out(mut self, pixels: u32) -> Self {
-        for element in &mut self.elements {
-            if let Geometry::Outline { rim_px, .. } = &mut element.geometry {
-                *rim_px = Some(pixels);
-            }
-        }
+        self.rims_left_out_px = Some(pixels);
         self
     }
 
