@@ -14,7 +14,12 @@ fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
 fn register_undoes_a_known_motion_and_writes_it() {
     let folder = Folder::new();
     let reference = folder.write("reference.ply", ply(&face(0.2, lifted(0.0))));
-    let cloud = folder.write("cloud.ply", ply(&face(0.25, turned)));
+    let cloud = ply(&face(0.25, turned)).replacen(
+        "element",
+        "comment edge_px: 2\ncomment pairs: [\"p\"]\nelement",
+        1,
+    );
+    let cloud = folder.write("cloud.ply", cloud);
     let (out, json) = (folder.path("out.ply"), folder.path("out.json"));
     fringetool(&["register", &cloud, "--to", &reference, "--out", &out, "--json", &json]).expect_success();
     let result = folder.json("out.json");
@@ -31,6 +36,10 @@ fn register_undoes_a_known_motion_and_writes_it() {
         assert_eq!(result["translation_mm"][row], result["matrix"][row][3]);
         assert_eq!(result["rotation"][row][0], result["matrix"][row][0]);
     }
+    // What was left out at rims is true of the moved cloud, where cameras stood is not.
+    let written = std::fs::read(&out).unwrap();
+    let header = String::from_utf8_lossy(&written[..written.len().min(1000)]);
+    assert!(header.contains("comment edge_px: 2") && !header.contains("comment pairs"), "{header}");
     // The written cloud lies on the reference, and its transform is a start like any other.
     let report = folder.path("compare.json");
     fringetool(&["compare", &out, &reference, "--json", &report]).expect_success();

@@ -234,8 +234,14 @@ impl DecodedRecording {
 
     /// The fused cloud of all pairs with the rig in a state.
     pub fn cloud(&self, rig_file: &RigFile) -> Result<Vec<Point>> {
+        Ok(self.clouds(rig_file)?.0)
+    }
+
+    /// The same, and the cloud of each pair by itself with its name.
+    pub fn clouds(&self, rig_file: &RigFile) -> Result<(Vec<Point>, Vec<(String, Vec<Point>)>)> {
         let pairs = match_pairs(&self.task, rig_file, &self.views)?;
-        Ok(join(&pairs, &self.task.settings).0)
+        let fused = join(&pairs, &self.task.settings).0;
+        Ok((fused, pairs.into_iter().map(|cloud| (cloud.pair.name, cloud.points)).collect()))
     }
 }
 

@@ -5,6 +5,7 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::surface::{Chord, check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
+use files::rims_left_out;
 use metrology::reference::Reference;
 use metrology::register::{Outcome as Fit, RegisterSettings, Registration, register};
 use nalgebra::Vector3;
@@ -45,6 +46,9 @@ struct Aligned {
     reference: String,
     out: String,
     software: String,
+    /// What the cloud says of the rims of faces, which is true in any place; what it says of cameras is not.
+    #[serde(skip)]
+    rims: Option<String>,
     #[serde(flatten)]
     registration: Registration,
 }
@@ -75,11 +79,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     progress.step();
     let mut done = Vec::new();
     for (cloud, out) in args.clouds.iter().zip(&outs) {
-        let points = read_cloud(cloud)?.points;
-        check_units((cloud, &points), (&args.to, &reference))?;
+        let read = read_cloud(cloud)?;
+        let (points, rims) = (&read.points, read.comment(rims_left_out::COMMENT).map(str::to_owned));
+        check_units((cloud, points), (&args.to, &reference))?;
         let found =
-            register(&points, &reference, &from, &settings).with_context(|| cloud.display().to_string())?;
-        done.push((moved(&points, &found.pose()), aligned(args, cloud, out, found)));
+            register(points, &reference, &from, &settings).with_context(|| cloud.display().to_string())?;
+        done.push((moved(points, &found.pose()), aligned(args, (cloud, rims), out, found)));
         progress.step();
     }
     drop(progress);
@@ -96,12 +101,18 @@ pub fn with_normals(reference: Reference) -> Reference {
     }
 }
 
-fn aligned(args: &Args, cloud: &Path, out: &Path, registration: Registration) -> Aligned {
+fn aligned(
+    args: &Args,
+    (cloud, rims): (&Path, Option<String>),
+    out: &Path,
+    registration: Registration,
+) -> Aligned {
     Aligned {
         cloud: cloud.display().to_string(),
         reference: args.to.display().to_string(),
         out: out.display().to_string(),
         software: concat!("fringetool ", env!("CARGO_PKG_VERSION")).to_owned(),
+        rims,
         registration,
     }
 }
@@ -148,12 +159,13 @@ fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Alig
         files::atomic::create_dir(&args.out)?;
     }
     for (out, (points, aligned)) in outs.iter().zip(done) {
-        let comments = [
+        let mut comments = vec![
             ("source", aligned.cloud.as_str()),
             ("aligned_with", aligned.reference.as_str()),
             ("alignment", word(&aligned.registration)),
             ("software", aligned.software.as_str()),
         ];
+        comments.extend(aligned.rims.as_ref().map(|pixels| (rims_left_out::COMMENT, pixels.as_str())));
         files::ply::write_cloud(out, points, &comments)?;
         if several {
             files::result::write_json(&out.with_extension("json"), aligned)?;

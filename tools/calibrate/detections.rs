@@ -199,6 +199,37 @@ impl Gathered {
         }
     }
 
+    /// Refuses a picture that counts twice: the places of its points are those of another one, bit by bit, but noise never repeats.
+    pub fn refuse_copies(&self) -> Result<()> {
+        let is_camera =
+            |view: &&View| self.devices.get(view.device).is_some_and(|d| d.kind == DeviceKind::Camera);
+        let places = |view: &View| -> Vec<[u64; 2]> {
+            view.image_points.iter().map(|p| [p.pixel.x.to_bits(), p.pixel.y.to_bits()]).collect()
+        };
+        let mut seen: BTreeMap<Vec<[u64; 2]>, &View> = BTreeMap::new();
+        for view in self.views.iter().filter(is_camera) {
+            if let Some(first) = seen.insert(places(view), view) {
+                bail!(
+                    "{}: shows all points at the places of {}, bit by bit, but noise never repeats: one is a copy of the other; a picture counts \
+                     once, remove one of them",
+                    self.place(view.device, view.pose),
+                    self.place(first.device, first.pose)
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Where a camera's view of a pose comes from, or the camera and the pose.
+    pub fn place(&self, device: usize, pose: usize) -> String {
+        let image = self.target_images.iter().find(|image| (image.device, image.pose) == (device, pose));
+        let named = || {
+            let device = self.devices.get(device).map_or("", |device| device.name.as_str());
+            format!("{device} in {}", self.poses.get(pose).map_or("", String::as_str))
+        };
+        image.map_or_else(named, |image| image.place.clone())
+    }
+
     /// Projectors that no recording characterises, each with the reasons, and cameras without a view.
     pub fn not_characterised(&self) -> Vec<(String, String)> {
         let viewed = |name: &str| {

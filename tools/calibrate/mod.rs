@@ -20,7 +20,9 @@ use characterise::calibration::{Calibration, LensChoice, Observations, SpacingSe
 use detections::Gathered;
 use lengths::Certified;
 use report::Parts;
+use sensors::Characterised;
 use shown::Shown;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use validation::{Plan, Validation};
 
@@ -93,7 +95,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         draw::write(folder, &gathered, &observations, calibration, shown.columns)?;
     }
     let (calibration, validation, lenses) = solved?;
-    let absent = noted(&gathered, &observations, &calibration, &validation);
+    let sensors = sensors::characterise(&gathered, &calibration);
+    let absent = noted(&gathered, &calibration, &validation, &sensors);
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
     let lengths = certified
         .iter()
@@ -103,7 +106,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let spacing = calibration
         .volume()
         .and_then(|volume| calibration.sphere_spacing_u_mm(&indices, &volume, &SpacingSettings::default()));
-    let sensors = sensors::characterise(&gathered, &calibration);
     output::write_rig(&args.out, &calibration, &pairs, &sensors, shown.file)?;
     let parts = Parts {
         rig: &args.out,
@@ -131,21 +133,29 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Prints what was left out; the devices that are not characterised, each with the reasons.
 fn noted(
     gathered: &Gathered,
-    observations: &Observations,
     calibration: &Calibration,
     validation: &Validation,
+    sensors: &BTreeMap<String, Characterised>,
 ) -> Vec<(String, String)> {
     let of_model = model::note(calibration).into_iter().chain(validation::notes(validation));
+    let of_model = of_model.chain(sensors::notes(sensors));
     for note in gathered.notes.iter().cloned().chain(of_model) {
         eprintln!("{note}");
     }
-    for view in calibration.rejected_views() {
-        let device = &calibration.devices[view.device].name;
-        let (pose, points) = (&observations.poses[view.pose], view.residuals.len());
-        eprintln!(
-            "{device} in {pose}: none of {points} points fits the others; did the target move between the cameras, or was it seen from \
-             behind or in a mirror?"
-        );
+    for view in &calibration.views {
+        let rejected = view.residuals.iter().filter(|residual| !residual.used).count();
+        let (all, place) = (view.residuals.len(), gathered.place(view.device, view.pose));
+        if rejected == all {
+            eprintln!(
+                "{place}: none of {all} points fits the others; did the target move between the cameras, or was it seen from behind or in a \
+                 mirror?"
+            );
+        } else if 2 * rejected > all {
+            eprintln!(
+                "{place}: {rejected} of {all} points do not fit the others and are left out; is it a picture of another camera, or was the \
+                 focus or zoom another?"
+            );
+        }
     }
     let absent = gathered.not_characterised();
     for (device, why) in &absent {

@@ -281,7 +281,7 @@ fn print_outliers(parts: &Parts) {
     let view = &parts.observations.views[worst.view];
     let columns = parts.shown.columns.max(1) as usize;
     println!(
-        "{} points rejected; the worst: {} in {}, point {},{}, off by {:.3} px (all: --json)",
+        "{} points rejected; the worst: {} in the pose of {}, point {},{}, off by {:.3} px (all: --json)",
         all.len(),
         parts.observations.devices[view.device].name,
         parts.observations.poses[view.pose],

@@ -7,6 +7,7 @@ use characterise::calibration::{Calibration, DeviceKind};
 use characterise::sensor::{FootprintEstimate, NoiseEstimate, footprint, photon_transfer};
 use characterise::target::BlurredEdge;
 use files::recording::Recording;
+use files::rig_file::is_in_focus;
 use fringe::decode::{DecodeSettings, NoiseSource};
 use fringe::pattern::{PatternSet, frame_count};
 use fringe::sensor::Sensor;
@@ -81,13 +82,45 @@ pub fn characterise(gathered: &Gathered, calibration: &Calibration) -> BTreeMap<
             gathered.noise.iter().filter(|(name, _)| *name == device.name).map(|(_, line)| *line).collect();
         let noise = photon_transfer(&lines);
         let sensor = Sensor {
-            footprint: found.map(|found| found.footprint),
+            footprint: found.map(|found| found.footprint).filter(is_in_focus),
             noise: noise.map(|(noise, _)| noise),
             noise_u_dn: noise.map(|(_, u)| u),
         };
         (device.name.clone(), Characterised { sensor, footprint: found, noise_recordings: lines.len() })
     });
-    all.filter(|(_, found)| !found.sensor.is_unknown()).collect()
+    all.filter(|(_, found)| !found.sensor.is_unknown() || found.footprint.is_some()).collect()
+}
+
+/// Standard deviation of a pixel whose whole area sees light, px: a footprint is the blur of the lens besides.
+const PIXEL_PX: f64 = 0.288_675;
+/// A footprint contradicts what it should be from so many standard uncertainties on.
+const CONTRADICTED: f64 = 3.0;
+
+/// What to look at in cameras whose edges are blurred as by no lens in focus, a line each.
+pub fn notes(sensors: &BTreeMap<String, Characterised>) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (name, found) in sensors {
+        let Some(estimate) = &found.footprint else { continue };
+        let ([x, y], u) = (estimate.footprint.sigma_px, estimate.footprint.u_px.unwrap_or_default());
+        if found.sensor.footprint.is_none() {
+            notes.push(format!(
+                "{name}: edges are blurred by {x:.2}, {y:.2} px, which is out of focus: no footprint goes into the rig file; focus the camera and \
+                 record the board again"
+            ));
+        } else if x + CONTRADICTED * u[0] < PIXEL_PX || y + CONTRADICTED * u[1] < PIXEL_PX {
+            notes.push(format!(
+                "{name}: edges are blurred by {x:.3}, {y:.3} px, less than the {PIXEL_PX:.3} px of a pixel alone: does the camera sharpen its \
+                 pictures? Switch that off, and record the board again"
+            ));
+        }
+        if let Some(across_px2) = estimate.across_px2 {
+            notes.push(format!(
+                "{name}: the blur changes by {across_px2:.3} px² (variance) from one side of the picture to the other, which a footprint in a rig file \
+                 cannot state: it counts as uncertainty; is the lens tilted, or was the focus changed between the pictures?"
+            ));
+        }
+    }
+    notes
 }
 
 /// A line per camera.
@@ -102,7 +135,7 @@ pub fn lines(sensors: &BTreeMap<String, Characterised>) -> Vec<(String, String)>
     let mut lines = Vec::new();
     for (name, found) in sensors {
         let mut parts = Vec::new();
-        if let Some(estimate) = &found.footprint {
+        if let Some(estimate) = found.footprint.as_ref().filter(|_| found.sensor.footprint.is_some()) {
             let ([x, y], [ux, uy]) =
                 (estimate.footprint.sigma_px, estimate.footprint.u_px.unwrap_or_default());
             let mut part =
@@ -122,7 +155,9 @@ pub fn lines(sensors: &BTreeMap<String, Characterised>) -> Vec<(String, String)>
                 noise.read_noise_dn, noise.gain_dn, found.noise_recordings
             ));
         }
-        lines.push((name.clone(), parts.join("; ")));
+        if !parts.is_empty() {
+            lines.push((name.clone(), parts.join("; ")));
+        }
     }
     lines
 }

@@ -86,7 +86,8 @@ impl<'a> Shown<'a> {
     /// Refuses images that do not show the target.
     pub fn check(&self, gathered: &Gathered) -> Result<()> {
         let Some(target) = &self.target else { return Ok(()) };
-        gathered.check(target).with_context(|| self.file.display().to_string())
+        gathered.check(target).with_context(|| self.file.display().to_string())?;
+        gathered.refuse_copies()
     }
 }
 

@@ -104,15 +104,29 @@ impl Plan {
 /// Beyond this the poses disagree: of independent errors the ratio of five groups exceeds it once in ten thousand times.
 const DISAGREEMENT: f64 = 2.5;
 
+/// Halves of the poses with a χ² that independent errors exceed less often than this disagree.
+const HALVES: f64 = 1e-4;
+
 /// What to do about poses that disagree.
 pub fn notes(validation: &Validation) -> impl Iterator<Item = String> {
     let beyond = validation.between.iter().flatten().filter(|b| b.over_stated > DISAGREEMENT);
-    beyond.map(|b| {
+    let groups = beyond.map(|b| {
         format!(
             "{}: from one group of poses to another it differs by {:.1} times its stated uncertainties, limit {DISAGREEMENT}; use the uncertainty between poses, add poses, and check that the board is rigid and as declared",
             b.name, b.over_stated
         )
-    })
+    });
+    // NaN disagrees, too.
+    let halves = validation.cross.iter().filter(|cross| !(cross.probability() >= HALVES)).map(|cross| {
+        format!(
+            "the two halves of the poses contradict each other: χ² {:.1} of {} parameters, which errors of the stated size reach once in {:.0} \
+             calibrations; look for pictures of another camera, focus or zoom, for overexposed and for processed ones (worst view, points rejected)",
+            cross.chi_square,
+            cross.degrees_of_freedom,
+            1.0 / cross.probability().max(1e-15)
+        )
+    });
+    groups.chain(halves)
 }
 
 /// Prints the results of the validation.

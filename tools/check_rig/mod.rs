@@ -3,7 +3,7 @@
 mod print;
 mod trend;
 
-pub use print::suspects;
+pub use print::{moved_alike, suspects};
 
 use crate::Outcome;
 use crate::calibrate::projector_reading::axis_without_coordinates;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let covariance = rig_file.read_covariance()?;
     let (checks, unchecked) = examine(&recording, &rig_file, covariance.as_ref(), &settings)?;
     let checks: Vec<PairCheck> = checks.into_iter().map(|(check, _)| check).collect();
-    print::print(&checks, covariance.is_some());
+    print::print(&checks, &rig_file.rig, covariance.is_some());
     for (name, why) in &unchecked {
         println!("\"{name}\" is not checked: {why}");
     }

@@ -2,9 +2,10 @@
 
 use super::PairCheck;
 use characterise::health::Cause;
+use fringe::geometry::rig::Rig;
 
 /// A line on the residuals of each pair, a line on the verdict, and what explains an unhealthy one.
-pub fn print(checks: &[PairCheck], with_covariance: bool) {
+pub fn print(checks: &[PairCheck], rig: &Rig, with_covariance: bool) {
     for check in checks {
         let h = &check.health;
         println!(
@@ -42,6 +43,8 @@ pub fn print(checks: &[PairCheck], with_covariance: bool) {
     let suspects = suspects(checks.iter());
     if !suspects.is_empty() {
         println!("in every unhealthy pair: {}", suspects.join(", "));
+        let alike = moved_alike(rig, suspects.iter().map(String::as_str));
+        alike.iter().for_each(|alike| println!("{alike}"));
     }
     if !with_covariance {
         println!("the rig file has no covariance: the limit includes noise and phase error only");
@@ -59,6 +62,15 @@ fn line(cause: &Cause, view: &str) -> String {
         cause.name,
         cause.explains * 100.0
     )
+}
+
+/// What looks like a drift of a projector among the views in a single recording, in words.
+pub fn moved_alike<'a>(rig: &Rig, views: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let projector = views.into_iter().find(|view| rig.projector(view).is_some())?;
+    Some(format!(
+        "a part or a camera that moved between the two directions of the fringes of \"{projector}\" looks the same: record once more, and see whether \
+         the same comes out"
+    ))
 }
 
 /// Views that all unhealthy pairs have in common while no healthy pair has them; empty where nothing is unhealthy.

@@ -6,13 +6,13 @@ mod shown;
 mod write;
 
 use crate::Outcome;
-use crate::check_rig::pair_covariance;
+use crate::check_rig::{moved_alike, pair_covariance};
 use crate::numbers::within;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
-    Choice, HealthSettings, LengthReading, PairCovariance, Partner, ThreeViews, ViewCorrection,
+    Choice, HealthSettings, KNOWN_LENGTH, LengthReading, PairCovariance, Partner, ThreeViews, ViewCorrection,
     ViewCovariance, ViewEstimate, check_pair, estimate_view,
 };
 use files::provenance::Provenance;
@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
     if shown.iter().flat_map(|shown| &shown.checks).all(|(check, _)| check.health.healthy) {
         // A shift along the baseline shows in lengths only.
-        let wrong = length::wrong(args, &shown, &rig_file)?;
+        let wrong = length::wrong(args, &shown, (&rig_file, KNOWN_LENGTH))?;
         if let Some(wrong) = wrong.first().filter(|_| args.view.is_none()) {
             bail!(
                 "{wrong}; all pairs are healthy, so that a view moved along its baseline, or the plan states another length: check the \
@@ -96,6 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let found = judge.correct(args, &shown, &links)?;
     let after = judge.health(&found.view.camera, &links)?;
     judge.refuse_unhealthy(args, &after)?;
+    judge.refuse_other_lengths(args, &shown, &found.view)?;
     write::write(args, &shown, &judge, &found)?;
     let lines = write::report(&view, &found, &shown, &after);
     for line in &lines {
@@ -155,6 +156,8 @@ pub struct Found {
     pub u_scale: Option<f64>,
     /// Certified lengths that count as exact, in words.
     pub exact: Vec<String>,
+    /// What else than a drift looks the same, in words.
+    pub alike: Option<String>,
     /// Of each recording how many certified lengths were measured in it.
     pub lengths: Vec<usize>,
     /// The simplest model without the lengths, where they contradict it.
@@ -257,7 +260,8 @@ impl Judge<'_> {
         };
         let doubted = without_lengths.filter(|simple| !all.is_empty() && contradicted(simple));
         let places = estimate.three_views.iter().map(named).collect();
-        Ok(Found { view, models, baseline, u_scale, exact, lengths, doubted, places })
+        let alike = (shown.len() == 1).then(|| moved_alike(rig, [self.view])).flatten();
+        Ok(Found { view, models, baseline, u_scale, exact, alike, lengths, doubted, places })
     }
 
     /// The estimate with the certified lengths that were measured.

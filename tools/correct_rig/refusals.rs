@@ -1,9 +1,10 @@
 //! Why no corrected rig is written, in words.
 
-use super::shown::Link;
-use super::{Args, Judge, PairAfter, devices};
+use super::shown::{Link, Shown};
+use super::{Args, Judge, PairAfter, devices, length};
 use anyhow::{Result, bail};
-use characterise::health::{LengthReading, ThreeViews, ViewCorrection};
+use characterise::health::{KNOWN_LENGTH, LengthReading, ThreeViews, ViewCorrection};
+use files::rig_file::RigFile;
 
 impl Judge<'_> {
     /// A rig that its own check would call unhealthy is none to write.
@@ -26,6 +27,28 @@ impl Judge<'_> {
             worst.before_px,
             worst.rms_px
         );
+    }
+
+    /// A rig that does not measure the certified lengths that went into it is none to write: the certificate contradicts what the residuals, or pairs
+    /// without the corrected view, say of the scale.
+    pub(super) fn refuse_other_lengths(
+        &self,
+        args: &Args,
+        shown: &[Shown],
+        found: &ViewCorrection,
+    ) -> Result<()> {
+        if args.length.is_empty() {
+            return Ok(());
+        }
+        let corrected = RigFile { rig: self.rig_with(&found.camera), ..self.rig_file.clone() };
+        match length::wrong(args, shown, (&corrected, KNOWN_LENGTH.max(found.u_volume)))?.first() {
+            None => Ok(()),
+            Some(wrong) => bail!(
+                "with \"{}\" corrected {wrong}, so that no rig is written: the certified lengths contradict the residuals; check the lengths in \
+                 the plan against the certificate, and whether it is this standard, or calibrate again",
+                self.view
+            ),
+        }
     }
 
     /// What to tell where the residuals leave lengths open.

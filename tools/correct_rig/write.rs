@@ -156,6 +156,7 @@ fn of_pairs<'a>(place: &str, after: impl Iterator<Item = &'a PairAfter>) -> Vec<
 /// What makes the corrected rig doubtful, in words.
 fn warnings(found: &Found) -> Vec<String> {
     let mut all = found.exact.clone();
+    all.extend(found.alike.clone());
     all.extend(found.places.iter().filter(|places| !places.three.agrees()).map(left_out));
     all.extend(found.doubted.iter().map(|simple| {
         format!(

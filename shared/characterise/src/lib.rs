@@ -4,6 +4,7 @@
 //! [`fringe`].
 
 pub mod calibration;
+mod chi_square;
 pub mod explore;
 pub mod exposure;
 pub mod focus;

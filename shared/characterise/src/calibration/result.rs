@@ -142,12 +142,6 @@ impl Calibration {
             ratio(&self.views[*a]).total_cmp(&ratio(&self.views[*b])).then(b.cmp(a))
         })
     }
-
-    /// The views of which no point fits: the target moved between the cameras, or the device saw another thing than it seemed to.
-    pub fn rejected_views(&self) -> impl Iterator<Item = &ViewReport> {
-        self.views.iter().filter(|view| view.residuals.iter().all(|residual| !residual.used))
-    }
-
     /// A device by name.
     pub fn device(&self, name: &str) -> Option<&CalibratedDevice> {
         self.devices.iter().find(|d| d.name == name)

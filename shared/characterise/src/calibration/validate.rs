@@ -9,6 +9,7 @@ use super::observations::Observations;
 use super::result::Calibration;
 use super::settings::{CalibrationSettings, WorldFrame};
 use super::{CalibrationError, calibrate};
+use crate::chi_square::tail;
 use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Point3, Vector3};
 
@@ -39,6 +40,13 @@ pub struct CrossValidation {
     pub chi_square: f64,
     /// Its degrees of freedom; `chi_square` exceeds them by far when the model is wrong.
     pub degrees_of_freedom: usize,
+}
+
+impl CrossValidation {
+    /// Probability of a χ² as large as this one or larger, where the covariances are right.
+    pub fn probability(&self) -> f64 {
+        tail(self.chi_square, self.degrees_of_freedom)
+    }
 }
 
 /// Calibrates both halves of the poses and compares them.

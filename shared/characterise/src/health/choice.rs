@@ -10,10 +10,10 @@
 //! 2002), exp(−½ (χ² + 2 k)) with k free causes, and the uncertainty of the chosen one holds how far the others lie from it. The evidence under
 //! a prior would ask how large drifts are, which nobody knows: the wider it is, the less three causes of a shift count beside the one of a focal length.
 
-use super::chi_square;
 use super::correct::ViewEstimate;
 use super::state::{POSE, UNKNOWNS, stepped};
 use crate::calibration::PARAMETERS;
+use crate::chi_square;
 use fringe::geometry::camera::Camera;
 use fringe::math::exp;
 use fringe::math::linear::{Dense, Factor, dot};

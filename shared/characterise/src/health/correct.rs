@@ -8,7 +8,6 @@
 
 use super::HealthError;
 use super::calibrated::{Root, Sums, ViewCovariance};
-use super::chi_square;
 use super::choice::KNOWN_LENGTH;
 use super::drift::check_pair;
 use super::lengths::length_form;
@@ -19,6 +18,7 @@ use super::state::{Partner, UNKNOWNS, stepped};
 use super::three::{ThreeViews, add_along, three_views};
 use super::tiles::Tiles;
 use super::volume;
+use crate::chi_square;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Vector3;

@@ -1,12 +1,12 @@
 //! What a drift of the right view would do to the residuals, and whether they show one.
 
-use super::chi_square;
 use super::matches::Match;
 use super::parameters::PairCovariance;
 use super::rows::{CAUSES, PairRow, UNKNOWNS, rows};
 use super::settings::HealthSettings;
 use super::tiles::Tiles;
 use super::{HealthError, robust};
+use crate::chi_square;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, Factor};
 

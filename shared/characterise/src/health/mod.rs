@@ -20,7 +20,6 @@
 
 mod along;
 mod calibrated;
-mod chi_square;
 mod choice;
 mod correct;
 mod drift;

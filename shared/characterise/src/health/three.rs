@@ -10,10 +10,11 @@ use super::HealthError;
 use super::along::{AlongRow, along_rows};
 use super::calibrated::{Root, Sums};
 use super::correct::{PRIOR, phase_error_px};
+use super::robust;
 use super::settings::HealthSettings;
 use super::state::{Partner, UNKNOWNS};
 use super::tiles::Tiles;
-use super::{chi_square, robust};
+use crate::chi_square;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, Factor};
 

@@ -19,6 +19,8 @@ const TAILS_PART: f64 = 0.06;
 const LEAST_SPREAD: f64 = 2e-3;
 /// A trend over the field counts from so many standard uncertainties on.
 const TREND: f64 = 2.0;
+/// One from side to side, which no lens should have, from so many.
+const ACROSS: f64 = 4.0;
 
 /// A footprint with what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +32,9 @@ pub struct FootprintEstimate {
     pub edges: usize,
     /// Median excess of their line spreads: 0 of a Gaussian, positive with tails.
     pub excess: f64,
+    /// Change of the variance from one side of the picture to the other, px², where it is more than the middle and the corner can show: it is part of
+    /// the uncertainties.
+    pub across_px2: Option<f64>,
 }
 
 /// An edge as the model sees it.
@@ -43,6 +48,8 @@ struct Reading {
     excess: f64,
     /// Squared distance from the middle of the picture over that of the corner.
     field: f64,
+    /// Place in the picture, from −1 to 1 along both sides.
+    place: [f64; 2],
     view: usize,
 }
 
@@ -60,6 +67,7 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
             noise_px4: 4.0 * seen_px2 * edge.u_px * edge.u_px,
             excess: edge.excess,
             field: (x * x + y * y) / corner2,
+            place: [x / middle[0].max(1.0), y / middle[1].max(1.0)],
             view,
         }
     };
@@ -68,12 +76,15 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
     let kept = robust(all)?;
     let best = solve(kept.iter())?;
     let u_px2 = jackknife(&kept, views.len(), best)?;
-    let trend = trend(&kept, best);
+    let trend = trend(&kept, views.len(), best);
+    let across_px2 = across(&kept, views.len(), best, trend);
     // The mean over the picture, of which the edges see a part.
     let mean = best.map(|variance| variance + trend.field_px2 * (MEAN_FIELD - trend.seen));
     let sigma_px = mean.map(|variance| variance.max(0.0).sqrt());
     let mut footprint = Footprint { sigma_px, u_px: None, field_px2: trend.field_px2 };
     let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));
+    // What changes by a from side to side is off by a/√12 in the mean over the picture.
+    let u_across_px2 = across_px2.map_or(0.0, |across| across / 12.0_f64.sqrt());
     let mut u_field_px2 = trend.u_px2;
     if ends.as_flattened().iter().any(|variance| *variance < 0.0) {
         // No parabola over the whole picture: what it changes by is uncertainty.
@@ -83,12 +94,13 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
     let excess = median(&mut kept.iter().map(|r| r.excess).collect::<Vec<f64>>()).unwrap_or(0.0);
     let u = [0, 1].map(|axis| {
         let sigma = footprint.sigma_px[axis].max(1e-3);
-        let by_sigma = (u_px2[axis] * u_px2[axis] + u_field_px2 * u_field_px2).sqrt() / (2.0 * sigma);
+        let squares = u_px2[axis] * u_px2[axis] + u_field_px2 * u_field_px2 + u_across_px2 * u_across_px2;
+        let by_sigma = squares.sqrt() / (2.0 * sigma);
         let tails = TAILS_PART * excess.max(0.0) * sigma;
         (by_sigma * by_sigma + SHAPE_U_PX * SHAPE_U_PX + tails * tails).sqrt()
     });
     footprint.u_px = Some(u);
-    Some(FootprintEstimate { footprint, edges: kept.len(), excess })
+    Some(FootprintEstimate { footprint, edges: kept.len(), excess, across_px2 })
 }
 
 /// Without what is far from the model.
@@ -166,21 +178,54 @@ struct Trend {
 }
 
 /// The straight line of the variance against the squared distance from the middle.
-fn trend(kept: &[Reading], best: [f64; 2]) -> Trend {
+fn trend(kept: &[Reading], views: usize, best: [f64; 2]) -> Trend {
     let n = kept.len() as f64;
     let mean = kept.iter().map(|r| r.field).sum::<f64>() / n;
-    let spread = kept.iter().map(|r| (r.field - mean).powi(2)).sum::<f64>();
-    let none = Trend { field_px2: 0.0, u_px2: 0.0, seen: mean, spread: (spread / n).sqrt() };
-    if spread <= 0.0 {
-        return none;
+    let spread = kept.iter().map(|r| (r.field - mean).powi(2)).sum::<f64>() / n;
+    let none = Trend { field_px2: 0.0, u_px2: 0.0, seen: mean, spread: spread.sqrt() };
+    match slope(kept, views, |r| (r.field, residual(r, best))) {
+        Some((slope, u)) if slope.abs() > TREND * u => {
+            Trend { field_px2: slope, u_px2: u * (MEAN_FIELD - mean).abs().max(none.spread), ..none }
+        }
+        _ => none,
     }
-    let slope = kept.iter().map(|r| (r.field - mean) * residual(r, best)).sum::<f64>() / spread;
-    let left = kept.iter().map(|r| (residual(r, best) - slope * (r.field - mean)).powi(2)).sum::<f64>();
-    let u = (left / (n - 2.0) / spread).sqrt();
-    if slope.abs() <= TREND * u {
-        return none;
+}
+
+/// The change of the variance from one side of the picture to the other that is left beside the trend, px²; `None` where noise explains it.
+fn across(kept: &[Reading], views: usize, best: [f64; 2], trend: Trend) -> Option<f64> {
+    let left = |r: &Reading| residual(r, best) - trend.field_px2 * (r.field - trend.seen);
+    let clear = |axis: usize| {
+        let found = slope(kept, views, |r| (r.place[axis], left(r)));
+        found.filter(|(slope, u)| slope.abs() > ACROSS * u).map_or(0.0, |(slope, _)| 2.0 * slope)
+    };
+    let [x, y] = [0, 1].map(clear);
+    let both = (x * x + y * y).sqrt();
+    (both > 0.0).then_some(both)
+}
+
+/// Slope of the second value of each edge against the first, with its standard uncertainty: by the scatter of the edges, or by leaving out one view
+/// after the other where that is more, since edges of a view share its focus. `None` where the first hardly differs.
+fn slope(kept: &[Reading], views: usize, values: impl Fn(&Reading) -> (f64, f64)) -> Option<(f64, f64)> {
+    let fit = |without: Option<usize>| {
+        let pairs = || kept.iter().filter(|r| Some(r.view) != without).map(&values);
+        let n = pairs().count() as f64;
+        let mean = pairs().fold([0.0; 2], |sum, (x, y)| [sum[0] + x / n, sum[1] + y / n]);
+        let spread = pairs().map(|(x, _)| (x - mean[0]).powi(2)).sum::<f64>();
+        let slope = pairs().map(|(x, y)| (x - mean[0]) * (y - mean[1])).sum::<f64>() / spread;
+        let left = pairs().map(|(x, y)| (y - mean[1] - slope * (x - mean[0])).powi(2)).sum::<f64>();
+        (spread > 1e-9 * n && n > 2.0).then(|| (slope, (left / (n - 2.0) / spread).sqrt()))
+    };
+    let (slope, u) = fit(None)?;
+    let without: Vec<f64> = (0..views)
+        .filter(|view| kept.iter().any(|r| r.view == *view))
+        .filter_map(|view| Some(fit(Some(view))?.0))
+        .collect();
+    if without.len() < 3 {
+        return Some((slope, u));
     }
-    Trend { field_px2: slope, u_px2: u * (MEAN_FIELD - mean).abs().max(none.spread), ..none }
+    let squares = without.iter().map(|other| (other - slope).powi(2)).sum::<f64>();
+    let n = without.len() as f64;
+    Some((slope, u.max((squares * (n - 1.0) / n).sqrt())))
 }
 
 #[cfg(test)]
@@ -245,5 +290,32 @@ mod tests {
             let off = sigma_px - (0.16 + 0.2 * MEAN_FIELD).sqrt();
             assert!(off.abs() < 3.0 * u_px && u_px < 0.012, "{off}: {field:?}");
         }
+    }
+
+    /// A lens that is tilted, or a focus that changed: neither is a blur that grows from the middle to the corners.
+    #[test]
+    fn blur_from_side_to_side_and_from_view_to_view_is_uncertainty() {
+        let mut tilted = edges([0.6, 0.6], 0.0, |turn| turn);
+        for edge in tilted.iter_mut().flatten() {
+            edge.sigma_px =
+                (edge.sigma_px * edge.sigma_px + 0.2 * (edge.pixel.x / 561.5 - 1.0)).max(0.01).sqrt();
+        }
+        let found = footprint(&tilted, SIZE_PX).unwrap();
+        assert!((found.across_px2.unwrap() - 0.4).abs() < 0.04, "{found:?}");
+        // 0.4/√12 px² over 2σ.
+        assert!((found.footprint.u_px.unwrap()[0] - 0.096).abs() < 0.015, "{found:?}");
+        let mut refocused = edges([0.5, 0.5], 0.0, |turn| turn);
+        for (view, edges) in refocused.iter_mut().enumerate() {
+            let more = if view % 2 == 0 { 0.3 } else { 0.0 };
+            for edge in edges.iter_mut() {
+                edge.sigma_px = (edge.sigma_px * edge.sigma_px + more).sqrt();
+            }
+            // Half of the views fill the middle only.
+            edges.retain(|edge| view % 2 == 1 || (edge.pixel.x - 561.5).abs() < 300.0);
+        }
+        let found = footprint(&refocused, SIZE_PX).unwrap();
+        assert!(found.footprint.u_px.unwrap()[0] > 0.03 && found.across_px2.is_none(), "{found:?}");
+        let still = footprint(&edges([0.5, 0.5], 0.0, |turn| turn), SIZE_PX).unwrap();
+        assert!(still.across_px2.is_none(), "{still:?}");
     }
 }

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 pub use covariance::{Covariance, CovarianceRef, SensorUncertainty, covariance_beside};
 pub use pairs::resolve_pairs;
 pub(crate) use pairs::unknown;
+pub use sensors::is_in_focus;
 pub(crate) use write::quoted;
 pub use write::{rig_text, write_rig};
 

@@ -60,6 +60,12 @@ pub(super) fn sensors(
     Ok(all)
 }
 
+/// Whether a rig file may state a footprint: that of a picture in focus, everywhere.
+pub fn is_in_focus(footprint: &Footprint) -> bool {
+    footprint.sigma_px.iter().all(|sigma_px| (0.0..=MOST_FOOTPRINT_PX).contains(sigma_px))
+        && is_everywhere(footprint)
+}
+
 /// Whether the change of a footprint over the picture leaves one everywhere.
 fn is_everywhere(footprint: &Footprint) -> bool {
     let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));

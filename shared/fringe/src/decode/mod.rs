@@ -103,6 +103,7 @@ pub use identity::{FrameOrder, OrderEvent, prove as prove_order};
 pub use limits::{MAX_FRAMES, MAX_SINES};
 pub use linearity::Linearity;
 pub use motion::Motion;
+pub use noise_line::QUANTISATION_DN2;
 pub use noise_model::{NoiseModel, NoiseSource};
 pub use plan::decoded_axes;
 pub use replace::SineSet;

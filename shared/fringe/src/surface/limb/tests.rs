@@ -36,6 +36,26 @@ fn face(degrees: f64, x: f64, y: f64) -> Option<f64> {
     (x.abs() < 35.0 * PITCH && y.abs() < 40.0 * PITCH).then(|| AWAY_MM / (1.0 - x * tangent))
 }
 
+/// A half pipe along y in a plate, whose normal leans towards +x by so many degrees: the near edge hides a part of the wall beneath it. Depth, and
+/// the sine of the incidence on the wall, `None` on the plate.
+fn half_pipe(degrees: f64, x: f64, y: f64) -> (f64, Option<f64>) {
+    let (sin, cos) = (crate::math::sin(degrees.to_radians()), crate::math::cos(degrees.to_radians()));
+    // In the plate: u across the pipe, w towards the camera; the eye, and a step of the line of sight.
+    let turned = |x: f64, z: f64| [x * cos + z * sin, x * sin - z * cos];
+    let ([eye_u, eye_w], [u, w]) = (turned(0.0, -AWAY_MM), turned(x, 1.0));
+    let (to_plate, square) = (-eye_w / w, u * u + w * w);
+    let inside = (eye_u + to_plate * u).abs() < RADIUS_MM && y.abs() < 40.0 * PITCH;
+    if !inside {
+        return (to_plate, None);
+    }
+    let along = eye_u * u + eye_w * w;
+    let root = along * along - square * (eye_u * eye_u + eye_w * eye_w - RADIUS_MM * RADIUS_MM);
+    let depth = (root.sqrt() - along) / square;
+    let [on_u, on_w] = [eye_u + depth * u, eye_w + depth * w];
+    let cosine = (on_u * u + on_w * w) / (RADIUS_MM * (square + y * y).sqrt());
+    (depth, Some((1.0 - cosine * cosine).sqrt()))
+}
+
 /// Samples of what is seen, with noise of some hundredths of a pixel; phases end where there is nothing, and jump with the depth.
 fn samples(directions: &Directions, depth: impl Fn(f64, f64) -> Option<f64>, reach: f64) -> Vec<Sample> {
     let depths: Vec<Option<f64>> =
@@ -90,6 +110,7 @@ fn marks_are_those_of_all_pixels_compared() {
         let value = |i: usize| match draw(i) {
             0 => f32::NAN,
             1 => 50.0,
+            2 => i as f32 * 1e-3 + 0.4,
             _ => i as f32 * 1e-3,
         };
         let values: Vec<f32> = (0..width * height).map(value).collect();
@@ -101,16 +122,32 @@ fn marks_are_those_of_all_pixels_compared() {
         };
         let all = || 0..width * height;
         let jumps = |a: usize| all().any(|b| apart(a, b) == 1 && (values[a] - values[b]).abs() > 5.0);
+        let bends = |i: usize| {
+            let [x, y] = at(i);
+            if x == 0 || y == 0 || x as usize == width - 1 || y as usize == height - 1 {
+                return false;
+            }
+            let [[left, right], [up, down]] =
+                [[i - 1, i + 1], [i - width, i + width]].map(|pair| pair.map(|j| f64::from(values[j])));
+            let second = |a: f64, b: f64| (a + b - 2.0 * f64::from(values[i])).abs();
+            second(left, right).max(second(up, down))
+                > f64::from(BEND) * ((right - left).abs() + (down - up).abs())
+        };
         let ends: Vec<usize> = all().filter(|i| missing[*i] != 0 || jumps(*i)).collect();
+        let bends: Vec<usize> = all().filter(|i| bends(*i)).collect();
         let (mut borders, mut marks) = (vec![7; width * height], vec![RIM; width * height]);
         mark_limbs((width, &values), (reach, 5.0), &missing, &mut borders, (OTHER, &mut marks));
         for i in all() {
-            let near = ends.iter().any(|end| (apart(i, *end) as f64) < reach * reach);
-            assert_eq!(marks[i], if near { RIM | OTHER } else { RIM }, "pixel {i} of {width} columns");
+            let near = |border: &[usize]| border.iter().any(|end| (apart(i, *end) as f64) < reach * reach);
+            let mark = |near: bool, mark: u8| if near { mark } else { 0 };
+            let wanted = RIM | mark(near(&ends), OTHER) | mark(near(&bends), OTHER << BENT);
+            assert_eq!(marks[i], wanted, "pixel {i} of {width} columns");
         }
         found.extend(marks);
     }
-    assert!(found.contains(&RIM) && found.contains(&(RIM | OTHER)));
+    for marks in [0, OTHER, OTHER << BENT, OTHER | OTHER << BENT] {
+        assert!(found.contains(&(RIM | marks)), "{marks}");
+    }
 }
 
 #[test]
@@ -144,7 +181,12 @@ fn the_limb_is_where_the_turn_of_the_normal_leads() {
             .map(|i| {
                 Some((
                     i,
-                    selector.limb_px(i, &samples[i], &normal(&view, &raster, i, link, (2, false))?, eye),
+                    selector.limb_px(
+                        (i, &samples[i]),
+                        &normal(&view, &raster, i, link, (2, false))?,
+                        (true, 0),
+                        eye,
+                    ),
                 ))
             })
             .collect()
@@ -200,6 +242,39 @@ fn a_ball_loses_its_limb_before_the_dark_and_before_a_wall() {
             }
         }
         assert!(near > 500 && inside > 1500, "{near} {inside}");
+    }
+}
+
+/// A bowl turns away towards the edge that hides the rest of its wall, as a ball does towards its limb; its other end is seen nearly frontally.
+#[test]
+fn the_wall_of_a_bowl_ends_at_the_edge_that_hides_it() {
+    let directions = directions();
+    for degrees in [14.0, 20.0] {
+        let depth = |x, y| Some(half_pipe(degrees, x, y).0);
+        let seen = samples(&directions, depth, 5.0);
+        let causes = causes(&directions, &seen);
+        let wall = |pixel: usize| {
+            let [x, y] = directions.at(pixel);
+            half_pipe(degrees, x, y).1.filter(|_| y.abs() < 30.0 * PITCH)
+        };
+        let (mut hidden, mut open) = (0, 0);
+        for (pixel, cause) in causes.iter().enumerate() {
+            let Some(sine) = wall(pixel) else { continue };
+            // The edge in the same row: the first pixel of the plate beside the steep end of the wall.
+            let edge = (1..8).find(|away| wall(pixel - away).is_none() || wall(pixel + away).is_none());
+            match edge {
+                Some(away) if sine > 0.9 && away < 4 => {
+                    hidden += 1;
+                    assert_ne!(*cause, Cause::Point, "{away} px from the edge, sine {sine}");
+                }
+                None if sine < 0.6 => {
+                    open += 1;
+                    assert_eq!(*cause, Cause::Point, "sine {sine}");
+                }
+                _ => {}
+            }
+        }
+        assert!(hidden > 100 && open > 800, "{degrees}°: {hidden} {open}");
     }
 }
 

@@ -5,7 +5,7 @@ use fringe::math;
 /// Probability that a χ² of `freedom` degrees exceeds `value`.
 ///
 /// Even: e^(−x/2) Σ (x/2)^j / j!; odd: erfc(√(x/2)) and the same sum over half-integers (Abramowitz & Stegun 26.4.4, 26.4.5).
-pub(super) fn tail(value: f64, freedom: usize) -> f64 {
+pub(crate) fn tail(value: f64, freedom: usize) -> f64 {
     let half = 0.5 * value.max(0.0);
     let (mut term, start, mut sum) = if freedom.is_multiple_of(2) {
         (1.0, 0, 0.0)
@@ -24,7 +24,7 @@ pub(super) fn tail(value: f64, freedom: usize) -> f64 {
 }
 
 /// The value that a χ² exceeds with the given probability, by bisection.
-pub(super) fn limit(probability: f64, freedom: usize) -> f64 {
+pub(crate) fn limit(probability: f64, freedom: usize) -> f64 {
     let (mut low, mut high) = (0.0, 1000.0 + freedom as f64);
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
