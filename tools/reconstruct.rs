@@ -234,15 +234,23 @@ impl DecodedRecording {
 
     /// The fused cloud of all pairs with the rig in a state.
     pub fn cloud(&self, rig_file: &RigFile) -> Result<Vec<Point>> {
-        Ok(self.clouds(rig_file)?.0)
+        Ok(self.clouds(rig_file)?.fused)
     }
 
     /// The same, and the cloud of each pair by itself with its name.
-    pub fn clouds(&self, rig_file: &RigFile) -> Result<(Vec<Point>, Vec<(String, Vec<Point>)>)> {
+    pub fn clouds(&self, rig_file: &RigFile) -> Result<Clouds> {
         let pairs = match_pairs(&self.task, rig_file, &self.views)?;
         let fused = join(&pairs, &self.task.settings).0;
-        Ok((fused, pairs.into_iter().map(|cloud| (cloud.pair.name, cloud.points)).collect()))
+        Ok(Clouds { fused, pairs: pairs.into_iter().map(|cloud| (cloud.pair.name, cloud.points)).collect() })
     }
+}
+
+/// The clouds of a recording.
+pub struct Clouds {
+    /// That of all pairs.
+    pub fused: Vec<Point>,
+    /// The cloud of each pair with its name.
+    pub pairs: Vec<(String, Vec<Point>)>,
 }
 
 /// What became of the frames.

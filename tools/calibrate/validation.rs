@@ -116,8 +116,8 @@ pub fn notes(validation: &Validation) -> impl Iterator<Item = String> {
             b.name, b.over_stated
         )
     });
-    // NaN disagrees, too.
-    let halves = validation.cross.iter().filter(|cross| !(cross.probability() >= HALVES)).map(|cross| {
+    let contradict = |cross: &&CrossValidation| cross.probability() < HALVES || cross.chi_square.is_nan();
+    let halves = validation.cross.iter().filter(contradict).map(|cross| {
         format!(
             "the two halves of the poses contradict each other: χ² {:.1} of {} parameters, which errors of the stated size reach once in {:.0} \
              calibrations; look for pictures of another camera, focus or zoom, for overexposed and for processed ones (worst view, points rejected)",

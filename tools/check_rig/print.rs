@@ -43,8 +43,9 @@ pub fn print(checks: &[PairCheck], rig: &Rig, with_covariance: bool) {
     let suspects = suspects(checks.iter());
     if !suspects.is_empty() {
         println!("in every unhealthy pair: {}", suspects.join(", "));
-        let alike = moved_alike(rig, suspects.iter().map(String::as_str));
-        alike.iter().for_each(|alike| println!("{alike}"));
+        if let Some(alike) = moved_alike(rig, suspects.iter().map(String::as_str)) {
+            println!("{alike}");
+        }
     }
     if !with_covariance {
         println!("the rig file has no covariance: the limit includes noise and phase error only");

@@ -2,7 +2,7 @@
 
 use super::shown::Shown;
 use super::{Args, Judge};
-use crate::reconstruct::{DecodedRecording, Method, surface_settings};
+use crate::reconstruct::{Clouds, DecodedRecording, Method, surface_settings};
 use anyhow::{Result, bail};
 use characterise::health::{LengthReading, ViewEstimate};
 use files::rig_file::RigFile;
@@ -24,7 +24,7 @@ pub fn wrong(args: &Args, shown: &[Shown], (rig_file, open): (&RigFile, f64)) ->
     let (mut wrong, mut measured) = (Vec::new(), 0);
     for shown in shown {
         let Some(plan) = &shown.plan else { continue };
-        let (fused, pairs) = decoded(shown, rig_file)?.clouds(rig_file)?;
+        let Clouds { fused, pairs } = decoded(shown, rig_file)?.clouds(rig_file)?;
         let alone = pairs.len() == 1;
         let pairs = pairs.iter().map(|(name, cloud)| (format!("pair \"{name}\""), cloud));
         let all = (!alone).then(|| ("all pairs together".to_owned(), &fused));
@@ -47,8 +47,7 @@ pub fn wrong(args: &Args, shown: &[Shown], (rig_file, open): (&RigFile, f64)) ->
 fn off(certified: &Feature, open: f64, (value, u): (f64, f64)) -> Option<String> {
     let error_mm = value - certified.nominal;
     let u_mm = u.hypot(certified.u_system).hypot(open * certified.nominal);
-    // NaN is wrong, too.
-    (!(error_mm.abs() <= WRONG * u_mm)).then(|| {
+    (error_mm.abs() > WRONG * u_mm || error_mm.is_nan()).then(|| {
         format!(
             "\"{}\" measures {value:.4} mm, certified are {:.4} mm: {:+.1} µm, where {:.1} µm would be allowed",
             certified.name,
