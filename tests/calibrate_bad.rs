@@ -217,6 +217,42 @@ fn cameras_without_a_common_pose_are_named_in_their_groups() {
     set.expect_refusal(&["left", "right"], &["right: 0 usable views", "12 poses"]);
 }
 
+/// A copy would count as a second measurement.
+#[test]
+fn pictures_that_count_twice_are_refused() {
+    let set = Set::of(BOARD, &POSES);
+    let copy = set.path("left6.png");
+    fs::copy(set.path("left1.png"), &copy).unwrap();
+    set.expect_refusal(&["left"], &["left6.png", "left1.png", "a copy of the other"]);
+    fs::remove_file(copy).unwrap();
+    let other = |pose: Pose| picture(BOARD, [pose[0], pose[1], pose[2], pose[3] - 3.0, pose[4]]);
+    POSES
+        .iter()
+        .enumerate()
+        .for_each(|(number, pose)| set.save(&format!("right{number}.png"), &other(*pose)));
+    set.calibrate(&["left", "right"]).expect_success();
+    fs::remove_file(set.path("rig.toml")).unwrap();
+    fs::remove_file(set.path("rig.covariance.json")).unwrap();
+    fs::copy(set.path("left2.png"), set.path("right2.png")).unwrap();
+    set.expect_refusal(&["left", "right"], &["right2.png", "left2.png", "a copy of the other"]);
+}
+
+/// One picture of another camera among many, and a camera that sharpens.
+#[test]
+fn pictures_of_another_camera_and_sharpened_ones_are_named() {
+    let set = Set::of(BOARD, &POSES);
+    let shrunk =
+        image::imageops::resize(&picture(BOARD, POSES[3]), 230, 172, image::imageops::FilterType::Lanczos3);
+    let mut other = GrayImage::from_pixel(SIZE_PX.0, SIZE_PX.1, Luma([200]));
+    image::imageops::replace(&mut other, &shrunk, 4, 3);
+    set.save("left3.png", &other);
+    let ran = set.calibrate(&["left"]).expect_success();
+    assert!(ran.stderr.contains("left3.png") && ran.stderr.contains("points"), "{}", ran.stderr);
+    let set = Set::of(BOARD, &POSES).change(|picture| image::imageops::unsharpen(picture, 0.8, 0));
+    let ran = set.calibrate(&["left"]).expect_success();
+    assert!(ran.stderr.contains("does the camera sharpen"), "{}", ran.stderr);
+}
+
 #[test]
 fn pictures_that_cannot_be_read_or_compared_are_named() {
     let set = Set::of(BOARD, &POSES);

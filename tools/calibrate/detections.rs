@@ -199,16 +199,16 @@ impl Gathered {
         }
     }
 
-    /// Refuses a picture that counts twice: the places of its points are those of another one, bit by bit, but noise never repeats.
+    /// Refuses a picture that counts twice, in two poses of a camera or for two cameras in a pose: the places of its points are those of another one, bit
+    /// by bit, but noise never repeats.
     pub fn refuse_copies(&self) -> Result<()> {
         let is_camera =
             |view: &&View| self.devices.get(view.device).is_some_and(|d| d.kind == DeviceKind::Camera);
-        let places = |view: &View| -> Vec<[u64; 2]> {
-            view.image_points.iter().map(|p| [p.pixel.x.to_bits(), p.pixel.y.to_bits()]).collect()
-        };
-        let mut seen: BTreeMap<Vec<[u64; 2]>, &View> = BTreeMap::new();
+        let mut seen: BTreeMap<Vec<[u64; 2]>, Vec<&View>> = BTreeMap::new();
         for view in self.views.iter().filter(is_camera) {
-            if let Some(first) = seen.insert(places(view), view) {
+            let places = view.image_points.iter().map(|p| [p.pixel.x.to_bits(), p.pixel.y.to_bits()]);
+            let alike = seen.entry(places.collect()).or_default();
+            if let Some(first) = alike.iter().find(|v| v.device == view.device || v.pose == view.pose) {
                 bail!(
                     "{}: shows all points at the places of {}, bit by bit, but noise never repeats: one is a copy of the other; a picture counts \
                      once, remove one of them",
@@ -216,6 +216,7 @@ impl Gathered {
                     self.place(first.device, first.pose)
                 );
             }
+            alike.push(view);
         }
         Ok(())
     }

@@ -59,7 +59,7 @@ impl SensorTest {
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let footprint = self.footprint.filter(|test| test.contradicts).map(|test| {
             format!(
-                "camera \"{camera}\": these frames show a footprint of {:.2} px (u {:.2} px), the rig file states {:.2} px, which \
+                "camera \"{camera}\": these frames show a footprint of {:.3} px (u {:.3} px), the rig file states {:.3} px, which \
                  counts: look at focus, aperture and dirt, or calibrate again",
                 test.seen_px, test.u_seen_px, test.known_px
             )
