@@ -1,8 +1,9 @@
+mod decoded;
 mod pairs;
 mod task;
 mod why;
 
-use pairs::{camera_pairs, projector_pairs_or_fault};
+pub use decoded::{Clouds, DecodedRecording, fused_cloud};
 pub use pairs::{projector_pairs, why_absent};
 use task::{Task, task};
 
@@ -15,7 +16,7 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
-use cell::executor::{Matched, PairMatcher, PhaseMethod, Views};
+use cell::executor::{Matched, PairMatcher, Views};
 use files::cloud_pairs;
 use files::footprints_off::{self, FootprintsOff};
 use files::provenance::Provenance;
@@ -25,7 +26,6 @@ use files::rims_left_out;
 use fringe::cloud::Point;
 use fringe::fusion::{Fuser, FusionReport, disagreement_warning};
 use fringe::geometry::rig::{Pair, pictures};
-use fringe::matching::MatchSettings;
 use fringe::surface::{SurfaceReport, SurfaceSettings};
 use std::path::PathBuf;
 
@@ -189,68 +189,6 @@ fn smoothing(text: &str) -> Result<u32, String> {
 pub fn surface_settings(smoothing_px: Option<u32>) -> SurfaceSettings {
     let usual = SurfaceSettings::default();
     SurfaceSettings { smoothing_px: smoothing_px.unwrap_or(usual.smoothing_px), ..usual }
-}
-
-/// The fused cloud of a recording from all its pairs, for commands that measure on it.
-pub fn fused_cloud(
-    recording: &Recording,
-    rig_file: &RigFile,
-    method: Method,
-    surface: &SurfaceSettings,
-) -> Result<Vec<Point>> {
-    DecodedRecording::new(recording, rig_file, method, surface)?.cloud(rig_file)
-}
-
-/// A recording that was decoded once, for clouds with more than one state of its rig.
-pub struct DecodedRecording {
-    task: Task,
-    views: Vec<DecodedView>,
-}
-
-impl DecodedRecording {
-    /// Decodes what all pairs of the recording need.
-    pub fn new(
-        recording: &Recording,
-        rig_file: &RigFile,
-        method: Method,
-        surface: &SurfaceSettings,
-    ) -> Result<Self> {
-        let pairs = match method {
-            Method::Phase => camera_pairs(recording, rig_file)?,
-            Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
-        };
-        let matching = MatchSettings { surface: *surface, ..MatchSettings::default() };
-        let task = Task {
-            rig: rig_file.clone(),
-            pairs,
-            settings: Settings { matching, ..Settings::default() },
-            phase: PhaseMethod::default(),
-            method: method.name(),
-            config_sha256: None,
-        };
-        let views = decode(recording, &task)?;
-        Ok(Self { task, views })
-    }
-
-    /// The fused cloud of all pairs with the rig in a state.
-    pub fn cloud(&self, rig_file: &RigFile) -> Result<Vec<Point>> {
-        Ok(self.clouds(rig_file)?.fused)
-    }
-
-    /// The same, and the cloud of each pair by itself with its name.
-    pub fn clouds(&self, rig_file: &RigFile) -> Result<Clouds> {
-        let pairs = match_pairs(&self.task, rig_file, &self.views)?;
-        let fused = join(&pairs, &self.task.settings).0;
-        Ok(Clouds { fused, pairs: pairs.into_iter().map(|cloud| (cloud.pair.name, cloud.points)).collect() })
-    }
-}
-
-/// The clouds of a recording.
-pub struct Clouds {
-    /// That of all pairs.
-    pub fused: Vec<Point>,
-    /// The cloud of each pair with its name.
-    pub pairs: Vec<(String, Vec<Point>)>,
 }
 
 /// What became of the frames.

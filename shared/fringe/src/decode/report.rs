@@ -15,6 +15,10 @@ use std::sync::Arc;
 
 /// With fewer lit pixels the sequence is not checked.
 const LEAST_LIT: usize = 200;
+/// Where more than this part of the pixels seems to be lit by other faces …
+const TOUCHED: f64 = 0.1;
+/// … and the noise is this many times that of the rig file, another gain is as likely.
+const NOISIER: f64 = 1.1;
 
 impl DecodeReport {
     /// How far code and phase contradict each other: the larger of jumps per wrap and lit pixels without order.
@@ -36,8 +40,22 @@ impl DecodeReport {
         let moved = self.motion.and_then(|motion| motion.warning(camera));
         let stands_off = self.code_shift.and_then(|shift| shift.warning(camera));
         let bent = self.linearity.and_then(|linearity| linearity.warning(camera));
-        let moved = moved.into_iter().chain(stands_off).chain(bent);
+        let moved = moved.into_iter().chain(stands_off).chain(bent).chain(self.noise_as_light(camera));
         self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
+    }
+
+    /// Noise that the calibration understates looks like light from other faces, everywhere a little.
+    fn noise_as_light(&self, camera: &str) -> Option<String> {
+        let test =
+            self.sensor.noise.filter(|test| !test.contradicts && test.seen_dn > NOISIER * test.known_dn)?;
+        let (touched, all) = (self.bounced.raised + self.bounced.masked, self.valid + self.bounced.masked);
+        (touched as f64 > TOUCHED * all as f64).then(|| {
+            format!(
+                "camera \"{camera}\": light from other faces seems to reach {touched} of {all} pixels, but these frames also show a noise of {:.2} DN at \
+                 {:.0} DN, the rig file states {:.2} DN: another gain, or light that flickers, looks the same; look at both, or calibrate again",
+                test.seen_dn, test.background_dn, test.known_dn
+            )
+        })
     }
 
     /// Refuses orders that contradict the phase beyond a limit.

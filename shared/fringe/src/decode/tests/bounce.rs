@@ -1,6 +1,7 @@
 //! Light from other faces: its share of the uncertainty is that of the errors, and nothing else is taken for it.
 
 use super::*;
+use crate::sensor::Sensor;
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 200;
@@ -154,4 +155,19 @@ fn fine_fringes_through_a_blur_are_no_bounced_light() {
     let bounced = report.bounced.raised + report.bounced.masked;
     assert!(bounced < WIDTH * HEIGHT / 200, "{:?}", report.bounced);
     assert!(report.footprint_px.is_some_and(|px| (px - 0.85).abs() < 0.03), "{:?}", report.footprint_px);
+}
+
+/// Noise that the calibration understates by a fifth is no light, and the warning says so; real light with true noise has none of it.
+#[test]
+fn a_larger_gain_is_not_called_light_without_a_word() {
+    let sequence = demo(8.0, 7);
+    for (share, factor, expected) in [(0.0, 1.22, true), (0.05, 1.0, false), (0.0, 1.0, false)] {
+        let (scene, frames) = frames(&sequence, share, |_| 1.0);
+        let noise = CameraNoise { read_noise_dn: 0.8 / factor, gain_dn: 0.02 / (factor * factor) };
+        let sensor = Sensor { noise: Some(noise), ..Sensor::default() };
+        let settings = DecodeSettings { sensor, max_bounce_rad: 0.5, ..DecodeSettings::default() };
+        let (_, report) = scene.decode_frames(&sequence, &frames, Axis::X, &settings);
+        let warned = report.warnings("cam1").iter().any(|warning| warning.contains("another gain"));
+        assert_eq!(warned, expected, "{share}, {factor}: {:?} {:?}", report.bounced, report.sensor.noise);
+    }
 }
