@@ -301,13 +301,15 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
         }
     }
     for cloud in &done.pairs {
-        let (points, valid) = match &cloud.report {
-            Matched::Phase(r) => (r.points, r.valid),
-            Matched::Projector(r) => (r.points, r.valid),
+        let (points, valid, surface) = match &cloud.report {
+            Matched::Phase(r) => (r.points, r.valid, &r.surface),
+            Matched::Projector(r) => (r.points, r.valid, &r.surface),
         };
-        if u64::from(points) * 2 < u64::from(valid) {
+        // Rims are left out whatever matches there, and coarse pixels have many.
+        let inside = valid.saturating_sub(surface.rims);
+        if u64::from(points) * 2 < u64::from(inside) {
             println!(
-                "warning: pair \"{}\": {points} of {valid} valid pixels became points, fewer than half; where the part does not hide so much of itself, recording \
+                "warning: pair \"{}\": {points} of {inside} valid pixels away from rims became points, fewer than half; where the part does not hide so much of itself, recording \
                  and rig do not belong together: does each folder hold the frames of the camera that the rig file means?",
                 cloud.pair.name
             );

@@ -200,7 +200,7 @@ impl Gathered {
     }
 
     /// Refuses a picture that counts twice, in two poses of a camera or for two cameras in a pose: the places of its points are those of another one, bit
-    /// by bit, but noise never repeats.
+    /// by bit, but noise never repeats. Two views of one camera in one pose are refused elsewhere.
     pub fn refuse_copies(&self) -> Result<()> {
         let is_camera =
             |view: &&View| self.devices.get(view.device).is_some_and(|d| d.kind == DeviceKind::Camera);
@@ -208,7 +208,7 @@ impl Gathered {
         for view in self.views.iter().filter(is_camera) {
             let places = view.image_points.iter().map(|p| [p.pixel.x.to_bits(), p.pixel.y.to_bits()]);
             let alike = seen.entry(places.collect()).or_default();
-            if let Some(first) = alike.iter().find(|v| v.device == view.device || v.pose == view.pose) {
+            if let Some(first) = alike.iter().find(|v| (v.device == view.device) != (v.pose == view.pose)) {
                 bail!(
                     "{}: shows all points at the places of {}, bit by bit, but noise never repeats: one is a copy of the other; a picture counts \
                      once, remove one of them",

@@ -103,16 +103,28 @@ pub fn drifted(args: &Args, rig_file: &RigFile, shown: &[Shown]) -> Result<Strin
     let unhealthy = |name: &String| checks().any(|check| check.name == *name && !check.health.healthy);
     match suspects(checks().filter(|check| !check.health.healthy || !unhealthy(&check.name))).as_slice() {
         [only] => Ok(only.clone()),
-        [] => bail!(
-            "{}: no single view is common to all unhealthy pairs: more than one has drifted; calibrate again",
-            rig_file.path.display()
-        ),
+        [] => bail!("{}: {}", rig_file.path.display(), none_alone(checks)),
         several => bail!(
             "{}: {} may have drifted, and the pairs do not tell which; name one with --view, or record more pairs",
             rig_file.path.display(),
             several.join(" or ")
         ),
     }
+}
+
+/// Why no view alone is suspected, in words.
+fn none_alone<'a, I: Iterator<Item = &'a PairCheck>>(checks: impl Fn() -> I) -> String {
+    let [only] = &suspects(checks().filter(|check| !check.health.healthy))[..] else {
+        return "no single view is common to all unhealthy pairs: more than one has drifted; calibrate again"
+            .to_owned();
+    };
+    let has = |check: &&PairCheck| check.left == *only || check.right == *only;
+    let healthy =
+        checks().filter(has).find(|check| check.health.healthy).map_or("", |check| check.name.as_str());
+    format!(
+        "\"{only}\" is in all unhealthy pairs, but in the healthy pair \"{healthy}\" as well: where that pair is known too badly to show the drift, name \
+         \"{only}\" with --view; otherwise more than one has drifted: calibrate again"
+    )
 }
 
 /// Of each recording the view with cameras that the rig file does not pair with it under the same projector: they say where it stands as well, and

@@ -43,6 +43,9 @@ const INWARDS_PX: f64 = 6.0;
 /// Phases end at the limb if it is nearer than this, px: twice the usual reach, so that balls are far below it and flat faces far above.
 const LIMB_PX: f64 = 10.0;
 
+/// The same where phases only bend, px: coarse pixels bend at every crease.
+const BOWL_PX: f64 = 5.0;
+
 /// Shift of points near a limb, along the normal, in pixels on the surface: 6 µm at 0.21 mm per pixel.
 const LIMB_ERROR: f64 = 0.03;
 
@@ -60,7 +63,7 @@ pub(crate) fn reach_px(footprint: Option<Footprint>) -> f64 {
 
 /// Phases bend where their second difference is more than this part of the sum of both central differences, each over two pixels: where a wall runs
 /// behind an edge of the same height, phases neither end nor jump. Such a bend of footprints of half a pixel shifts points by the 0.03 pixels below.
-const BEND: f32 = 0.15;
+const BEND: f32 = 0.2;
 
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
@@ -213,11 +216,11 @@ impl Selector<'_> {
         }
         let eyes = [(OWN, OTHER, Vector3::zeros()), (OTHER, OWN, self.view.other_mm)];
         eyes.into_iter().any(|(mark, second, eye)| {
-            let (ends, bends) = (marks & mark != 0, marks & mark << BENT != 0);
+            let ends = marks & mark != 0;
             // What both pictures show is a crease of the part; what lies beyond one in the own picture, on which the way inwards is measured, is another face.
-            let hidden = bends && marks & second << BENT == 0;
+            let hidden = marks & mark << BENT != 0 && marks & second << BENT == 0;
             let limb = || self.limb_px((pixel, sample), normal, (ends, (OWN | second) << BENT), eye);
-            (ends || hidden) && limb().is_some_and(|px| px < LIMB_PX)
+            (ends || hidden) && limb().is_some_and(|px| px < if ends { LIMB_PX } else { BOWL_PX })
         })
     }
 
