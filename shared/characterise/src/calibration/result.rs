@@ -142,6 +142,7 @@ impl Calibration {
             ratio(&self.views[*a]).total_cmp(&ratio(&self.views[*b])).then(b.cmp(a))
         })
     }
+
     /// A device by name.
     pub fn device(&self, name: &str) -> Option<&CalibratedDevice> {
         self.devices.iter().find(|d| d.name == name)

@@ -62,7 +62,7 @@ pub(crate) fn reach_px(footprint: Option<Footprint>) -> f64 {
 }
 
 /// Phases bend where their second difference is more than this part of the sum of both central differences, each over two pixels: where a wall runs
-/// behind an edge of the same height, phases neither end nor jump. Such a bend of footprints of half a pixel shifts points by the 0.03 pixels below.
+/// behind an edge of the same height, phases neither end nor jump.
 const BEND: f32 = 0.2;
 
 /// Fewest rows of one parallel job.
