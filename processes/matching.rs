@@ -2,7 +2,7 @@
 
 use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::Result;
-use cell::executor::{PairMatcher, Views, pair_matcher};
+use cell::executor::{Matched, PairMatcher, ProjectorCheck, Views, pair_matcher};
 use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
@@ -20,12 +20,23 @@ struct Need {
     map: Option<Received<Phase>>,
 }
 
+/// What became of the pixels of a pair, and what a person should know of it.
+#[derive(serde::Serialize)]
+struct PairReport {
+    #[serde(flatten)]
+    matched: Matched,
+    /// How far the points lie beside what the left camera sees of the projector, where the rig file has it, px.
+    beside_projector_px: Option<f64>,
+    warnings: Vec<String>,
+}
+
 /// State of a matching stage.
 pub struct Matching {
     pair: usize,
     projector: usize,
     left: usize,
     matcher: PairMatcher,
+    check: Option<ProjectorCheck>,
     needs: Vec<Need>,
     inboxes: Vec<Inbox<Phase>>,
     clouds: Publisher<Cloud>,
@@ -51,6 +62,7 @@ impl Matching {
             projector: node.projector,
             left: node.left,
             matcher: pair_matcher(cell, pair)?,
+            check: ProjectorCheck::new(&cell.config.rig, &cell.config.rig.pairs[pair]),
             needs: needs.collect(),
             inboxes: inboxes.collect::<Result<_>>()?,
             clouds: context.publisher(&format!("cloud/{}", node.name))?,
@@ -100,12 +112,17 @@ impl Matching {
         let room = payload::points_mut(loan.payload_mut()).map_err(|e| cycle_fault(&e))?;
         let matched = self.matcher.run(&left, &right, room).map_err(|e| cycle_fault(&e))?;
         let points = matched.points();
+        let beside_projector_px =
+            self.check.as_mut().and_then(|check| check.offset_px(&left, &room[..points as usize]));
         loan.header_mut().points = points;
         let used = points as usize * size_of::<Point>();
         let output = (used, output_hash(&loan.payload()[..used]));
         context.sending(|| loan.send())?;
         self.forget();
-        let report = Report { count: points as usize, text: self.text.json(&matched)? };
+        let offset = self.check.as_ref().zip(beside_projector_px);
+        let warnings = offset.and_then(|(check, offset)| check.warning(offset)).into_iter().collect();
+        let report = PairReport { matched, beside_projector_px, warnings };
+        let report = Report { count: points as usize, text: self.text.json(&report)? };
         context.done_hashed(Work::Match { pair: self.pair }, start_ns, output, report)
     }
 }

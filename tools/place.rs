@@ -62,6 +62,9 @@ struct WorldFromPart {
     translation_mm: [f64; 3],
 }
 
+/// Part of a cloud beside the CAD data that a person should know of: noise and edges leave some hundredths.
+const MUCH_BESIDE: f64 = 0.1;
+
 /// Runs the command `place`.
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut inputs: Vec<&Path> = vec![&args.plan, &args.cloud];
@@ -128,6 +131,14 @@ fn print(args: &Args, placement: &Placement) {
     println!("{} -> {}", args.plan.display(), args.out.display());
     println!("  the part's origin lies at ({x:.3}, {y:.3}, {z:.3}) mm, turned by {angle_deg:.3}°");
     summary(&placement.registration);
+    let beside = 1.0 - placement.registration.overlap;
+    if args.cad.is_some() && beside > MUCH_BESIDE {
+        println!(
+            "warning: {:.0} % of the cloud does not lie on the CAD data: where these are no fixtures, it is another part, or its mirror image (left hand for \
+             right hand); compare with `fringetool compare`",
+            100.0 * beside
+        );
+    }
     for element in &placement.inspection.elements {
         println!("  element {}: {} points", element.name, element.points.len());
     }

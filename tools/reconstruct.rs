@@ -16,7 +16,7 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
-use cell::executor::{Matched, PairMatcher, Views};
+use cell::executor::{Matched, PairMatcher, ProjectorCheck, Views};
 use files::cloud_pairs;
 use files::footprints_off::{self, FootprintsOff};
 use files::provenance::Provenance;
@@ -89,6 +89,9 @@ struct PairCloud {
     pair: Pair,
     points: Vec<Point>,
     report: Matched,
+    /// How far the points lie beside what the left camera sees of the projector, where the rig file has it, px; and what a person should know of that.
+    beside_projector_px: Option<f64>,
+    warning: Option<String>,
     /// What became of each pixel of the left camera (see [`why`]).
     classes: Vec<u8>,
 }
@@ -234,7 +237,13 @@ fn match_pairs(task: &Task, rig: &RigFile, views: &[DecodedView]) -> Result<Vec<
         let matched = matcher.cloud(&view(&pair.left), &view(&pair.right));
         let (points, report) =
             matched.with_context(|| format!("{}: pair \"{}\"", rig.path.display(), pair.name))?;
-        let mut cloud = PairCloud { pair: pair.clone(), points, report, classes: Vec::new() };
+        let mut check = ProjectorCheck::new(&rig.rig, pair);
+        let beside_projector_px =
+            check.as_mut().and_then(|check| check.offset_px(&view(&pair.left), &points));
+        let warning = check.zip(beside_projector_px).and_then(|(check, offset)| check.warning(offset));
+        let classes = Vec::new();
+        let mut cloud =
+            PairCloud { pair: pair.clone(), points, report, beside_projector_px, warning, classes };
         cloud.classes = why::classes(matcher.causes(), &why::left_maps(views, &cloud));
         Ok(cloud)
     };
@@ -300,16 +309,17 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
             println!("{}: lit pixels without a point: {}", cloud.pair.name, left_out.join(", "));
         }
     }
+    for warning in done.pairs.iter().filter_map(|cloud| cloud.warning.as_ref()) {
+        println!("warning: {warning}");
+    }
     for cloud in &done.pairs {
-        let (points, valid, surface) = match &cloud.report {
-            Matched::Phase(r) => (r.points, r.valid, &r.surface),
-            Matched::Projector(r) => (r.points, r.valid, &r.surface),
+        let (points, valid) = match &cloud.report {
+            Matched::Phase(r) => (r.points, r.valid),
+            Matched::Projector(r) => (r.points, r.valid),
         };
-        // Rims are left out whatever matches there, and coarse pixels have many.
-        let inside = valid.saturating_sub(surface.rims);
-        if u64::from(points) * 2 < u64::from(inside) {
+        if u64::from(points) * 2 < u64::from(valid) {
             println!(
-                "warning: pair \"{}\": {points} of {inside} valid pixels away from rims became points, fewer than half; where the part does not hide so much of itself, recording \
+                "warning: pair \"{}\": {points} of {valid} valid pixels became points, fewer than half; where the part does not hide so much of itself, recording \
                  and rig do not belong together: does each folder hold the frames of the camera that the rig file means?",
                 cloud.pair.name
             );
@@ -338,6 +348,7 @@ fn json(args: &Args, task: &Task, done: &Done, fusion: &FusionReport, fused: &[P
                 why::left_out(&c.classes).into_iter().map(|(cause, count)| (cause, count.into())).collect();
             serde_json::json!({
                 "name": c.pair.name, "points": c.points.len(), "matching": c.report, "left_out": left_out,
+                "beside_projector_px": c.beside_projector_px,
             })
         })
         .collect();

@@ -4,7 +4,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
-use fringe::decode::{CodeShift, Finding, Motion, NoiseSource};
+use fringe::decode::{CodeShift, Finding, MUCH_CONTRADICTION, Motion, NoiseSource};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -31,9 +31,6 @@ pub fn emit_bare<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     }
     Ok(())
 }
-
-/// Contradictions of code and phase beyond this fraction are no edges of a part.
-const WORTH_SAYING: f64 = 0.1;
 
 /// A fault of frames that was found and made up for; sets and frames count from 1.
 #[derive(Debug, Clone, Serialize)]
@@ -159,7 +156,7 @@ impl fmt::Display for DecodeLine {
             self.ambiguous - self.resolved.min(self.ambiguous),
             self.ambiguous,
         )?;
-        if self.contradiction > WORTH_SAYING {
+        if self.contradiction > MUCH_CONTRADICTION {
             write!(
                 f,
                 "; code and phase contradict each other at {:.0} % ({} order jumps at {} wraps): check the order of the \

@@ -111,6 +111,8 @@ impl Collector {
         let joined = fused.and_then(|(_, text)| serde_json::from_str::<Fused>(text).ok());
         let disagreement =
             joined.as_ref().and_then(|joined| disagreement_warning(joined.disagreeing, joined.points));
+        let beyond = inspection.map(|i| &i.elements[..]).unwrap_or_default().iter();
+        let beyond = beyond.filter_map(|element| element.beyond.clone());
         let reports = self.reports(cell);
         CycleResult {
             cycle,
@@ -132,7 +134,7 @@ impl Collector {
             overlaps: joined.map(|joined| joined.overlaps),
             points: fused.map(|(event, _)| event.count.into()),
             moved: moved(&reports),
-            warnings: warnings(&reports, disagreement),
+            warnings: warnings(&reports, disagreement.into_iter().chain(beyond)),
             reports,
             rig_sha256: cell.file.rig_sha256.clone(),
             version: FRINGECELL.version.to_owned(),
@@ -205,11 +207,11 @@ fn moved(reports: &BTreeMap<String, Value>) -> Option<bool> {
     (!told.is_empty()).then(|| told.contains(&true))
 }
 
-/// The warnings of all reports, each once.
-fn warnings(reports: &BTreeMap<String, Value>, disagreement: Option<String>) -> Vec<String> {
+/// The warnings of all reports and others, each once.
+fn warnings(reports: &BTreeMap<String, Value>, others: impl Iterator<Item = String>) -> Vec<String> {
     let all = reports.values().filter_map(|report| report["warnings"].as_array()).flatten();
     let mut texts: Vec<String> =
-        all.filter_map(|text| Some(text.as_str()?.to_owned())).chain(disagreement).collect();
+        all.filter_map(|text| Some(text.as_str()?.to_owned())).chain(others).collect();
     texts.sort_unstable();
     texts.dedup();
     texts

@@ -170,8 +170,8 @@ pub struct Found {
 pub struct PlacesOf {
     /// Name of the partner.
     pub partner: String,
-    /// Name of the projector.
-    pub projector: String,
+    /// Name of the other one: the projector that lights both, or a camera where it is the projector that drifted.
+    pub second: String,
     /// Whether their places count, and why.
     pub three: ThreeViews,
 }
@@ -221,7 +221,7 @@ impl Judge<'_> {
             .collect::<Result<_>>()?;
         let named = |three: &ThreeViews| PlacesOf {
             partner: devices[three.device].to_owned(),
-            projector: devices[three.projector].to_owned(),
+            second: devices[three.second].to_owned(),
             three: *three,
         };
         let mut estimate =
@@ -286,15 +286,14 @@ impl Judge<'_> {
         pair_covariance(self.covariance?, &self.pair(link))
     }
 
-    /// The projector that lights the view and a camera, and its number: with the camera it measures places. Only where the calibration states what it
-    /// leaves open of both, since places of views that count as exact would carry the drifted one with them.
+    /// The view that measures places together with a partner, and its number. Only where the calibration states what it leaves open of both, since places
+    /// of views that count as exact would carry the drifted one with them.
     fn lit_by(&self, link: &Link, devices: &[&str]) -> Option<(&Camera, usize)> {
-        let projector = link.check.projector.as_str();
         let known = &self.covariance?.devices;
         let stated = |name: &str| known.iter().any(|device| device == name);
-        let usable = projector != link.partner && stated(projector) && stated(link.partner);
-        let device = devices.iter().position(|name| *name == projector).filter(|_| usable)?;
-        Some((self.rig_file.rig.projector(projector)?, device))
+        let usable = link.second != link.partner && stated(link.second) && stated(link.partner);
+        let device = devices.iter().position(|name| *name == link.second).filter(|_| usable)?;
+        Some((self.rig_file.rig.device(link.second)?, device))
     }
 
     /// What the calibration leaves open of the partners, then of the view; views that it did not include count as exact.

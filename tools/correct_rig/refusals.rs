@@ -106,7 +106,7 @@ pub(super) fn contradict_all(places: &[ThreeViews]) -> bool {
     let wrong: Vec<[usize; 2]> = places
         .iter()
         .filter(|three| !three.lengths_agree)
-        .map(|three| [three.device, three.projector])
+        .map(|three| [three.device, three.second])
         .collect();
     let Some(first) = wrong.first() else { return false };
     !first.iter().any(|device| wrong.iter().all(|other| other.contains(device)))
@@ -119,9 +119,9 @@ mod tests {
     /// Proves: one view that all contradicted places have in common may have moved; several without a common one have not all moved alike.
     #[test]
     fn a_certificate_against_all_views_is_refused() {
-        let three = |(device, projector, lengths_agree): (usize, usize, bool)| ThreeViews {
+        let three = |(device, second, lengths_agree): (usize, usize, bool)| ThreeViews {
             device,
-            projector,
+            second,
             used: 1000,
             chi2: 1.0,
             limit: 9.0,

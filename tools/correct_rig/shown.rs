@@ -3,7 +3,7 @@
 use super::Args;
 use crate::check_rig::{Examined, PairCheck, check_pairs, examine, suspects};
 use anyhow::{Result, bail};
-use characterise::health::{HealthError, HealthSettings, Match};
+use characterise::health::{HealthError, HealthSettings, Lit, Match};
 use files::document::Document;
 use files::plan_file::read_plan;
 use files::recording::Recording;
@@ -32,6 +32,9 @@ pub struct Link<'a> {
     pub check: &'a PairCheck,
     /// The view that counts.
     pub partner: &'a str,
+    /// Another view that counts and measures places together with the partner: the projector that lights both, or a second camera where it is the projector
+    /// that drifted.
+    pub second: &'a str,
     /// Whether the rig file does not pair it with the view.
     pub further: bool,
     /// Places in both views.
@@ -186,18 +189,79 @@ pub fn links<'a>(view: &str, shown: &'a [Shown], further: &'a [Vec<Examined>]) -
     let own = shown.iter().map(|shown| &shown.checks).enumerate().map(|of| (of, false));
     let all = own.chain(further.iter().enumerate().map(|of| (of, true)));
     let link = |((recording, checks), further): ((usize, &'a Vec<Examined>), bool)| {
-        checks.iter().filter_map(move |examined| link(view, recording, examined, further))
+        let cameras = &shown[recording].checks;
+        checks.iter().filter_map(move |examined| link(view, (recording, cameras), examined, further))
     };
     all.flat_map(link).collect()
 }
 
-fn link<'a>(view: &str, recording: usize, (check, matches): &'a Examined, further: bool) -> Option<Link<'a>> {
-    let (partner, matches) = if check.right == view {
+fn link<'a>(
+    view: &str,
+    (recording, checks): (usize, &'a [Examined]),
+    (check, matches): &'a Examined,
+    further: bool,
+) -> Option<Link<'a>> {
+    let (partner, mut matches) = if check.right == view {
         (&check.left, matches.clone())
     } else if check.left == view {
         (&check.right, matches.iter().copied().map(Match::turned).collect())
     } else {
         return None;
     };
-    Some(Link { recording, check, partner, further, matches })
+    let mut second = &check.projector;
+    if second == view
+        && let Some((other, seen)) = checks
+            .iter()
+            .find(|(other, _)| other.left == *partner && other.right != view && other.projector == view)
+    {
+        second = &other.right;
+        add_second_camera(&mut matches, seen);
+    }
+    Some(Link { recording, check, partner, second, further, matches })
+}
+
+/// Adds to the places that a camera and its projector share where a second camera sees them. `seen`: those of both cameras, by the same windows of the
+/// first.
+fn add_second_camera(matches: &mut [Match], seen: &[Match]) {
+    let mut seen = seen.iter().peekable();
+    let order = |a: &Match, b: &Match| a.left.y.total_cmp(&b.left.y).then(a.left.x.total_cmp(&b.left.x));
+    for own in matches {
+        while seen.next_if(|other| order(other, own).is_lt()).is_some() {}
+        let Some(other) = seen.next_if(|other| order(other, own).is_eq()) else { continue };
+        // What the first camera measures wrongly of the projector leads to another place of the second one.
+        own.lit = other.lit.map(|lit| Lit {
+            pixel: other.right,
+            covariance_px2: other.covariance_px2,
+            with_right_px2: lit.with_right_px2.transpose(),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix2, Point2};
+
+    /// Of three windows of the first camera the second one sees the middle one, and one that the projector's places lack.
+    #[test]
+    fn places_of_a_second_camera_belong_to_the_same_window_of_the_first() {
+        let at = |x: f64, y: f64, right: f64| Match {
+            left: Point2::new(x, y),
+            right: Point2::new(right, right),
+            covariance_px2: Matrix2::identity() * 0.01,
+            lit: None,
+        };
+        let lit = Lit {
+            pixel: Point2::new(1.0, 2.0),
+            covariance_px2: Matrix2::identity(),
+            with_right_px2: Matrix2::new(1.0, 2.0, 3.0, 4.0),
+        };
+        let mut matches = [at(7.0, 2.0, 1.0), at(2.0, 7.0, 2.0), at(7.0, 7.0, 3.0)];
+        let seen =
+            [(2.0, 2.0), (2.0, 7.0), (9.0, 9.0)].map(|(x, y)| Match { lit: Some(lit), ..at(x, y, 50.0) });
+        add_second_camera(&mut matches, &seen);
+        let found = matches
+            .map(|own| own.lit.map(|lit| (lit.pixel.x, lit.covariance_px2.m11, lit.with_right_px2.m12)));
+        assert_eq!(found, [None, Some((50.0, 0.01, 3.0)), None]);
+    }
 }

@@ -117,8 +117,8 @@ pub fn report(view: &str, whole: &Found, shown: &[Shown], after: &[PairAfter]) -
         lines.push(format!("{}: {count} measured", shown.recording.folder.display()));
     }
     lines.extend(places.iter().filter(|places| places.three.agrees()).map(|places| {
-        let PlacesOf { partner, projector, three } = places;
-        format!("{} places that {partner} and {projector} measure together entered", three.used)
+        let PlacesOf { partner, second, three } = places;
+        format!("{} places that {partner} and {second} measure together entered", three.used)
     }));
     lines.extend(warnings(whole).iter().map(|warning| format!("warning: {warning}")));
     let several = shown.len() > 1;
@@ -172,14 +172,14 @@ fn warnings(found: &Found) -> Vec<String> {
 
 /// Why places that two fixed views measure together did not count.
 fn left_out(places: &PlacesOf) -> String {
-    let PlacesOf { partner, projector, three } = places;
+    let PlacesOf { partner, second, three } = places;
     let by = if three.lengths_agree {
         format!("the pairs contradict them (χ² {:.1} of {:.1})", three.chi2, three.limit)
     } else {
         "the certified lengths contradict them".to_owned()
     };
     format!(
-        "the places that {partner} and {projector} measure together were left out: {by}; one of both may have moved"
+        "the places that {partner} and {second} measure together were left out: {by}; one of both may have moved"
     )
 }
 
@@ -202,7 +202,7 @@ pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[PairAfter]) -> 
         "u_drift": found.map(|(_, found)| found.view.u()),
         "lengths": found.map(|(_, found)| &found.lengths),
         "places": found.map(|(_, found)| found.places.iter().map(|places| json!({
-            "partner": places.partner, "projector": places.projector, "used": places.three.used,
+            "partner": places.partner, "projector": places.second, "used": places.three.used,
             "chi2": places.three.chi2, "limit": places.three.limit, "lengths_agree": places.three.lengths_agree,
             "entered": places.three.agrees(),
         })).collect::<Vec<_>>()),

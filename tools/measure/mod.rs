@@ -251,6 +251,9 @@ fn print(result: &InspectionResult) {
     for feature in &result.features {
         println!("{}", line(feature, wide));
     }
+    for beyond in result.elements.iter().filter_map(|element| element.beyond.as_ref()) {
+        println!("warning: {beyond}");
+    }
     println!("verdict: {}", conclusion(result));
 }
 

@@ -88,7 +88,9 @@ fn second(
     );
     let study = type_two(readings, tolerance)?;
     // Against the tolerance where there is one: parts of a study need not vary as those of the process do.
-    let rating = match study.grr_of_tolerance_percent.or(study.grr_of_variation_percent) {
+    let share = study.grr_of_tolerance_percent.or(study.grr_of_variation_percent);
+    // Readings that are all alike say nothing of the gauge: it is frozen, or its steps are too coarse for these parts.
+    let rating = match share.filter(|_| study.grr_of_variation_percent.is_some()) {
         None => "undetermined",
         Some(share) if share <= SHARES_PERCENT[0] => "capable",
         Some(share) if share <= SHARES_PERCENT[1] => "conditional",

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use files::npy::{self, Raster};
 use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
+use fringe::math::{atan2, sincos};
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseInfo, PhaseMap};
 use std::f64::consts::TAU;
@@ -140,6 +141,19 @@ pub fn reaches(absolute_rad: &[f32], item: &Item, anchor: &str) -> Result<()> {
         "--anchor {anchor}: has no finite value at a valid pixel of {}; give another anchor, or none",
         item.place
     )
+}
+
+/// How far an anchor lies beside the phase in the mean, whole turns taken off, rad; `None` where its pixels do not agree on that, as those of a coarse code.
+pub fn beside(absolute_rad: &[f32], item: &Item) -> Option<f64> {
+    let both = absolute_rad.iter().zip(&item.map.phase_rad).zip(&item.map.valid);
+    let known = both.filter(|((anchor, _), valid)| **valid == 1 && anchor.is_finite());
+    let (mut sin, mut cos, mut count) = (0.0, 0.0, 0.0);
+    for ((anchor, phase), _) in known {
+        let (s, c) = sincos(f64::from(*anchor) - f64::from(*phase));
+        (sin, cos, count) = (sin + s, cos + c, count + 1.0);
+    }
+    // Spread evenly over a turn the mean of the unit vectors is zero, all alike it is one.
+    (sin * sin + cos * cos > 0.25 * count * count).then(|| atan2(sin, cos))
 }
 
 /// The values of an anchor that is as large as the phase.

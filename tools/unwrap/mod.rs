@@ -81,6 +81,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         };
         if let Some(absolute_rad) = absolute_rad {
             input::reaches(absolute_rad, item, &args.anchor)?;
+            if let Some(off_rad) = input::beside(absolute_rad, item).filter(|off| off.abs() > MUCH_BESIDE_RAD)
+            {
+                println!(
+                    "warning: --anchor {}: lies {off_rad:+.2} rad beside the phase of {} (mean less whole turns): is it of the same projector, period and phase unit? The whole \
+                     turns that it gives may be wrong by one",
+                    args.anchor, item.place
+                );
+            }
         }
         let anchor = absolute_rad.map(|absolute_rad| Anchor { absolute_rad });
         let done = unwrap(&item.wrapped(), anchor.as_ref(), &settings).with_context(|| item.place.clone())?;
@@ -95,6 +103,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     emit(args.json.as_deref(), &serde_json::json!({ "method": args.choice.name(), "views": lines }))?;
     Ok(Outcome::Done)
 }
+
+/// Mean distance of an anchor from the phase, less whole turns, that a person should know of, rad: a sixth of a turn.
+const MUCH_BESIDE_RAD: f64 = 1.0;
 
 impl Item {
     fn wrapped(&self) -> fringe::unwrap::Wrapped<'_> {

@@ -15,12 +15,14 @@ mod exposures;
 mod in_process;
 mod matching;
 mod phase_method;
+mod projector_check;
 
 pub use decode::{Decoded, View, ViewDecoder, ViewError, decoder, decoder_of_size};
 pub use evidence::{Expected, Threshold, median_valid};
 pub use in_process::{Frames, InProcess, SourceError, WorkError};
 pub use matching::{Matched, Method, PairMatcher, Views, method_name};
 pub use phase_method::{PhaseMethod, PhaseMethodError};
+pub use projector_check::ProjectorCheck;
 
 use crate::cell::Cell;
 use crate::error::CellError;

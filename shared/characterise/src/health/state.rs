@@ -17,7 +17,8 @@ pub struct Partner<'a> {
     pub device: usize,
     /// Matches with the partner on the left and the corrected view on the right.
     pub matches: &'a [Match],
-    /// The projector that lights both views and counts, too, with its number.
+    /// Another view that counts and sees the same places, with its number: the projector that lights both, or a second camera where the corrected view is the
+    /// projector.
     pub lit_by: Option<(&'a Camera, usize)>,
     /// Whether the rig measures lengths with this pair.
     pub measures: bool,

@@ -1,7 +1,7 @@
 //! What two fixed views measure together, beside what each of them shows of the drifted view.
 //!
-//! A partner and the projector that lights it fix places in space, which the drifted view must see where it does: across the epipolar
-//! line of the partner, which the pair shows already, and along it. Along it a turn, a shift and the focal length differ, where the
+//! A partner and the projector that lights it, or two cameras where it is their projector that drifted, fix places in space, which the drifted view
+//! must see where it does: across the epipolar line of the partner, which the pair shows already, and along it. Along it a turn, a shift and the focal length differ, where the
 //! epipolar lines of both are nearly parallel, as with a projector between two cameras. If one of the two fixed views moved, the places are wrong
 //! and would carry the view with them. So their residuals are first asked for a drift of their own beside that of the pairs: where they show
 //! one that noise, the error of the phase and the calibration do not explain, they are left out.
@@ -23,8 +23,8 @@ use fringe::math::linear::{Dense, Factor};
 pub struct ThreeViews {
     /// Number of the partner's device.
     pub device: usize,
-    /// Number of the projector's device.
-    pub projector: usize,
+    /// Number of the other device: the projector, or a second camera.
+    pub second: usize,
     /// Number of places that were used.
     pub used: usize,
     /// χ² of a drift that only these places show.
@@ -43,7 +43,7 @@ impl ThreeViews {
 
     /// Whether these are the fixed views of a partner.
     pub(super) fn is_of(&self, partner: &Partner) -> bool {
-        partner.lit_by.is_some_and(|(_, device)| (partner.device, device) == (self.device, self.projector))
+        partner.lit_by.is_some_and(|(_, device)| (partner.device, device) == (self.device, self.second))
     }
 }
 
@@ -54,8 +54,8 @@ pub(super) fn add_along(
     view: &Camera,
     settings: &HealthSettings,
 ) -> usize {
-    let Some((projector, device)) = partner.lit_by else { return 0 };
-    let rows = along_rows(partner.fixed, projector, view, partner.matches);
+    let Some((second, device)) = partner.lit_by else { return 0 };
+    let rows = along_rows(partner.fixed, second, view, partner.matches);
     let Some(fit) = robust::fit(&rows).filter(|_| rows.len() >= settings.least_matches) else { return 0 };
     let kept: Vec<&AlongRow> =
         rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
@@ -77,13 +77,13 @@ pub(super) fn three_views(
 ) -> Result<Vec<ThreeViews>, HealthError> {
     let (mut all, mut trusted) = (Vec::<ThreeViews>::new(), pairs);
     for partner in partners {
-        let Some((_, projector)) = partner.lit_by else { continue };
+        let Some((_, second)) = partner.lit_by else { continue };
         if all.iter().any(|three| three.is_of(partner)) {
             continue;
         }
         let mut three = ThreeViews {
             device: partner.device,
-            projector,
+            second,
             used: 0,
             chi2: 0.0,
             limit: 0.0,

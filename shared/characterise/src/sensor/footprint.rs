@@ -75,7 +75,7 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
     let all: Vec<Reading> = all.filter(|r| r.variance_px2.is_finite() && r.noise_px4.is_finite()).collect();
     let kept = robust(all)?;
     let best = solve(kept.iter())?;
-    let u_px2 = jackknife(&kept, views.len(), best)?;
+    let u_px2 = uncertainties(&kept, views.len(), best)?;
     let trend = trend(&kept, views.len(), best);
     let across_px2 = across(&kept, views.len(), best, trend);
     // The mean over the picture, of which the edges see a part.
@@ -148,20 +148,29 @@ fn solve<'a>(readings: impl Iterator<Item = &'a Reading>) -> Option<[f64; 2]> {
     Some([(yy * xv - xy * yv) / determinant, (xx * yv - xy * xv) / determinant])
 }
 
-/// Standard uncertainties of σx² and σy² by leaving out one view after the other: edges of a view share its focus and its light.
-fn jackknife(kept: &[Reading], views: usize, best: [f64; 2]) -> Option<[f64; 2]> {
-    let left_out: Vec<[f64; 2]> = (0..views)
-        .filter(|view| kept.iter().any(|r| r.view == *view))
-        .filter_map(|view| solve(kept.iter().filter(|r| r.view != view)))
-        .collect();
+/// Standard uncertainties of σx² and σy²: by leaving out views; of one or two only the scatter of the edges is known, and what they share counts three
+/// times.
+fn uncertainties(kept: &[Reading], views: usize, best: [f64; 2]) -> Option<[f64; 2]> {
+    let without = |view: usize| solve(kept.iter().filter(|r| r.view != view));
+    jackknife(kept, views, best, without).or_else(|| {
+        let scatter = kept.iter().map(|r| residual(r, best).powi(2)).sum::<f64>() / (kept.len() as f64 - 2.0);
+        scatter.is_finite().then(|| [3.0 * (2.0 * scatter / kept.len() as f64).sqrt(); 2])
+    })
+}
+
+/// Standard uncertainties of fitted values by leaving out one view after the other: edges of a view share its focus and its light. `None` with fewer than
+/// three views.
+fn jackknife<const N: usize>(
+    kept: &[Reading],
+    views: usize,
+    best: [f64; N],
+    without: impl Fn(usize) -> Option<[f64; N]>,
+) -> Option<[f64; N]> {
+    let shown = (0..views).filter(|view| kept.iter().any(|r| r.view == *view));
+    let left_out: Vec<[f64; N]> = shown.filter_map(without).collect();
     let n = left_out.len() as f64;
-    if left_out.len() >= 3 {
-        let squares = |axis: usize| left_out.iter().map(|o| (o[axis] - best[axis]).powi(2)).sum::<f64>();
-        return Some([0, 1].map(|axis| (squares(axis) * (n - 1.0) / n).sqrt()));
-    }
-    // Of one or two views only the scatter of the edges is known; what they share counts three times.
-    let scatter = kept.iter().map(|r| residual(r, best).powi(2)).sum::<f64>() / (kept.len() as f64 - 2.0);
-    (scatter.is_finite()).then(|| [3.0 * (2.0 * scatter / kept.len() as f64).sqrt(); 2])
+    let squares = |k: usize| left_out.iter().map(|other| (other[k] - best[k]).powi(2)).sum::<f64>();
+    (left_out.len() >= 3).then(|| std::array::from_fn(|k| (squares(k) * (n - 1.0) / n).sqrt()))
 }
 
 /// How the footprint changes over the picture.
@@ -216,16 +225,8 @@ fn slope(kept: &[Reading], views: usize, values: impl Fn(&Reading) -> (f64, f64)
         (spread > 1e-9 * n && n > 2.0).then(|| (slope, (left / (n - 2.0) / spread).sqrt()))
     };
     let (slope, u) = fit(None)?;
-    let without: Vec<f64> = (0..views)
-        .filter(|view| kept.iter().any(|r| r.view == *view))
-        .filter_map(|view| Some(fit(Some(view))?.0))
-        .collect();
-    if without.len() < 3 {
-        return Some((slope, u));
-    }
-    let squares = without.iter().map(|other| (other - slope).powi(2)).sum::<f64>();
-    let n = without.len() as f64;
-    Some((slope, u.max((squares * (n - 1.0) / n).sqrt())))
+    let without = |view: usize| Some([fit(Some(view))?.0]);
+    Some((slope, jackknife(kept, views, [slope], without).map_or(u, |[by_view]| u.max(by_view))))
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@
 
 use super::block::{CHUNK, state};
 use super::coarse::MOST_STRIPES_APART;
+use super::edge_sag::Planes;
 use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
 use crate::math::statistics::median;
@@ -35,7 +36,7 @@ const OUTLIER: f64 = 0.5;
 const ONE_LINE: f64 = 0.5;
 /// Edges from dark to light and from light to dark are displaced against each other (white and black do not mark the middle exactly): a plane
 /// needs both kinds on either side, as three lines of edges have, two stripes apart. Two lines do where there are no more.
-const THREE_LINES: f32 = 2.0;
+pub(super) const THREE_LINES: f32 = 2.0;
 /// Steps per pixel beyond so many times the median are another surface.
 const STEP_RATIO: f64 = 3.0;
 /// The scatter of one plane counts as so many edges of the common one.
@@ -57,20 +58,32 @@ pub struct Edges {
 
 /// The plane of a pixel.
 #[derive(Debug, Clone, Copy)]
-struct Plane {
+pub(super) struct Plane {
     /// Coordinate less that of the stripe's centre, stripes; NaN without a plane.
-    offset: f32,
+    pub offset: f32,
     /// Standard deviation of the offset over that of an edge.
-    factor: f32,
+    pub factor: f32,
     /// Σ of squared residuals, stripes².
-    squares: f32,
+    pub squares: f32,
     /// Edges less the three unknowns.
-    freedom: f32,
+    pub freedom: f32,
     /// Coordinates of the edges from the first to the last, stripes.
-    span: f32,
+    pub span: f32,
+    /// Mean squares of the edges' distances along rows and columns as the plane weighs them, px².
+    pub mean_squares: [f32; 2],
+    /// Half width of its window, px.
+    pub half: u8,
 }
 
-const NO_PLANE: Plane = Plane { offset: f32::NAN, factor: f32::NAN, squares: 0.0, freedom: 0.0, span: 0.0 };
+const NO_PLANE: Plane = Plane {
+    offset: f32::NAN,
+    factor: f32::NAN,
+    squares: 0.0,
+    freedom: 0.0,
+    span: 0.0,
+    mean_squares: [0.0; 2],
+    half: 0,
+};
 
 /// The code as it was decoded.
 struct Numbers<'a> {
@@ -124,11 +137,15 @@ impl Edges {
                 *plane = numbers.plane(right, down, (column, row), most_step).unwrap_or(NO_PLANE);
             }
         });
+        let curved = Planes { width, all: &self.planes, phase_rad: numbers.phase_rad, most_step };
+        // The places of the edges are not needed any more.
+        curved.sags(&mut self.right, &mut self.down);
         let common = self.common_variance();
-        let planes = self.planes.par_chunks(CHUNK).zip(out.phase_rad.par_chunks_mut(CHUNK));
+        let sags = self.right.par_chunks(CHUNK).zip(self.down.par_chunks(CHUNK));
+        let planes = self.planes.par_chunks(CHUNK).zip(sags).zip(out.phase_rad.par_chunks_mut(CHUNK));
         let planes = planes.zip(out.sigma_rad.par_chunks_mut(CHUNK)).zip(out.valid.par_chunks_mut(CHUNK));
         planes
-            .map(|(((planes, phase), sigma), valid)| {
+            .map(|((((planes, (added, growth)), phase), sigma), valid)| {
                 let mut masked = 0;
                 for (i, plane) in planes.iter().enumerate() {
                     if valid[i] == state::INVALID {
@@ -147,8 +164,8 @@ impl Edges {
                         if open { f64::from(MOST_STRIPES_APART) } else { noise.clamp(BEYOND, MOST_BEYOND) };
                     let within = f64::from(plane.offset.abs()) <= 0.5 + beyond;
                     if within {
-                        phase[i] += (TAU * f64::from(plane.offset)) as f32;
-                        sigma[i] = (TAU * f64::from(plane.factor) * variance.sqrt()) as f32;
+                        phase[i] += (TAU * f64::from(plane.offset + added[i])) as f32;
+                        sigma[i] = (TAU * f64::from(plane.factor * growth[i]) * variance.sqrt()) as f32;
                     } else {
                         (phase[i], sigma[i], valid[i]) = (f32::NAN, f32::NAN, state::INVALID);
                         masked += 1;
@@ -293,6 +310,7 @@ impl Window<'_> {
     fn fit(&self, near: Option<[f64; 3]>) -> Option<(Plane, [f64; 3])> {
         let (mut n, mut su, mut sv, mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let (mut sx, mut sux, mut svx, mut sxx) = (0.0, 0.0, 0.0, 0.0);
+        let (mut suuu, mut suuv, mut suvv, mut svvv) = (0.0, 0.0, 0.0, 0.0);
         let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
         self.edges(|u, v, x| {
             if near.is_some_and(|[a, b, c]| (x - a - b * u - c * v).abs() > OUTLIER) {
@@ -304,6 +322,10 @@ impl Window<'_> {
             suu += u * u;
             suv += u * v;
             svv += v * v;
+            suuu += u * u * u;
+            suuv += u * u * v;
+            suvv += u * v * v;
+            svvv += v * v * v;
             sx += x;
             sux += u * x;
             svx += v * x;
@@ -325,6 +347,12 @@ impl Window<'_> {
         let b = (cvv * cux - cuv * cvx) / determinant;
         let c = (cuu * cvx - cuv * cux) / determinant;
         let a = sx / n - b * mu - c * mv;
+        // What the plane reads at the pixel of u² and v² instead of nothing.
+        let of_square = |sum: f64, with_u: f64, with_v: f64| {
+            let (cu, cv) = (with_u - mu * sum, with_v - mv * sum);
+            let (b, c) = ((cvv * cu - cuv * cv) / determinant, (cuu * cv - cuv * cu) / determinant);
+            (sum / n - b * mu - c * mv) as f32
+        };
         let squares = (sxx - sx * sx / n - b * cux - c * cvx).max(0.0);
         let factor = (1.0 / n + (cvv * mu * mu - 2.0 * cuv * mu * mv + cuu * mv * mv) / determinant).sqrt();
         let plane = Plane {
@@ -333,6 +361,8 @@ impl Window<'_> {
             squares: squares as f32,
             freedom: (n - 3.0) as f32,
             span: (most - least) as f32,
+            mean_squares: [of_square(suu, suuu, suuv), of_square(svv, suvv, svvv)],
+            half: self.half as u8,
         };
         Some((plane, [a, b, c]))
     }

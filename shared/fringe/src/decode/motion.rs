@@ -8,11 +8,16 @@ use super::limits::MAX_STEPS;
 use super::roles::SinePlan;
 use crate::math::{cos, sincos};
 use crate::phase::PhaseViewMut;
+use rayon::prelude::*;
 
 /// Fewest steps that tell: five leave two residuals, and each further one another.
 pub(super) const LEAST_STEPS: usize = 5;
 /// So many pixels tell the mean uncertainty of the phase.
 const ASKED: usize = 8192;
+/// Ripple below this part of a pixel's uncertainty is left: smoothed points are five times as certain as their pixels.
+const LEAST_RIPPLE: f64 = 0.05;
+/// Fewest pixels of one parallel job.
+const RIPPLE_PART: usize = 16_384;
 /// Standard uncertainties beyond which a drift is one.
 const CERTAIN: f64 = 5.0;
 /// Standard deviation of a rounded value over half of the range of eight bits. The pattern of a frame has such errors in the columns of one period, which
@@ -28,6 +33,8 @@ pub(super) struct StepMotion {
     certain: bool,
     /// What explains the shifts best.
     way: Way,
+    /// Cosine and sine of the shifts over twice their steps, means, rad.
+    twice_rad: [f64; 2],
 }
 
 /// A simple way in which fringes go: steadily, or once.
@@ -85,7 +92,11 @@ impl StepMotion {
         let n = steps as f64;
         let freedom = n - 1.0;
         let of_one = noise * if shifts.without_light { n / (n - 3.0) } else { 2.0 };
+        let twice = |of: fn(f64) -> f64| {
+            rad.iter().zip(&plan.shifts_rad).map(|(shift, step)| shift * of(2.0 * step)).sum::<f64>() / n
+        };
         Self {
+            twice_rad: [twice(cos), twice(|angle| sincos(angle).0)],
             rms_rad: (square / n - noise - left * left).max(0.0).sqrt(),
             certain: shifts.explained > freedom + CERTAIN * (2.0 * freedom).sqrt(),
             way: told.way(&rad[..steps], [of_one, left * left], shifts.response),
@@ -176,7 +187,31 @@ impl Motion {
     }
 }
 
+impl StepMotion {
+    /// Takes off what the shifts do to the phases of even steps. The one at φ − δᵢ + pᵢ is found too large by the mean of pᵢ (1 − cos 2(φ − δᵢ)): the mean
+    /// place of the fringes, and a ripple of twice their frequency, which smoothing does not take out as it does noise.
+    fn take_ripple(&self, map: &mut PhaseViewMut) {
+        let [along, across] = self.twice_rad;
+        map.phase_rad.par_iter_mut().with_min_len(RIPPLE_PART).for_each(|phase| {
+            let (sin, cos) = sincos(2.0 * f64::from(*phase));
+            *phase = (f64::from(*phase) + along * cos + across * sin) as f32;
+        });
+    }
+}
+
 impl Decoder {
+    /// Takes the ripple out of a map whose frames moved by little but beyond doubt.
+    pub(super) fn take_ripple(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
+        let plan = &self.plan.axes[home];
+        let Some((slot, motion)) = plan.sines.first().zip(motion) else { return };
+        let even = plan.chain.is_some() && !plan.fused && self.sums[*slot].are_even_steps();
+        let Some(steps) = self.motions[*slot].filter(|steps| even && steps.certain) else { return };
+        let [along, across] = steps.twice_rad;
+        if (along * along + across * across).sqrt() > LEAST_RIPPLE * motion.sigma_rad {
+            steps.take_ripple(map);
+        }
+    }
+
     /// How the fringes of an axis moved, against the phase of the pixels that are asked.
     pub(super) fn motion(&self, home: usize, out: &PhaseViewMut) -> Option<Motion> {
         let finest = self.plan.axes[home].sines.first()?;

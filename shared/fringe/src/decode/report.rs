@@ -15,6 +15,10 @@ use std::sync::Arc;
 
 /// With fewer lit pixels the sequence is not checked.
 const LEAST_LIT: usize = 200;
+/// Contradiction that a person should know of: few edges of a part make so many.
+pub const MUCH_CONTRADICTION: f64 = 0.1;
+/// Part of the pixels that light from other faces masks, from which on a person should know.
+const MUCH_MASKED: f64 = 0.03;
 /// Where more than this part of the pixels seems to be lit by other faces …
 const TOUCHED: f64 = 0.1;
 /// … and the noise is this many times that of the rig file, another gain is as likely.
@@ -41,6 +45,7 @@ impl DecodeReport {
         let stands_off = self.code_shift.and_then(|shift| shift.warning(camera));
         let bent = self.linearity.and_then(|linearity| linearity.warning(camera));
         let moved = moved.into_iter().chain(stands_off).chain(bent).chain(self.noise_as_light(camera));
+        let moved = moved.chain(self.doubtful_orders(camera)).chain(self.much_light(camera));
         self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
     }
 
@@ -54,6 +59,29 @@ impl DecodeReport {
                 "camera \"{camera}\": light from other faces seems to reach {touched} of {all} pixels, but these frames also show a noise of {:.2} DN at \
                  {:.0} DN, the rig file states {:.2} DN: another gain, or light that flickers, looks the same; look at both, or calibrate again",
                 test.seen_dn, test.background_dn, test.known_dn
+            )
+        })
+    }
+
+    /// Orders that do not fit the phase at many places, though not at so many that they are refused.
+    fn doubtful_orders(&self, camera: &str) -> Option<String> {
+        let share = self.contradiction();
+        (share > MUCH_CONTRADICTION).then(|| {
+            format!(
+                "camera \"{camera}\": code and phase contradict each other at {:.0} %, so that points may be wrong by whole periods: frames of another recording or \
+                 exchanged sets look so, and parts of many small faces; look at the frames",
+                100.0 * share
+            )
+        })
+    }
+
+    /// Frames of two places of the part in one set look like light from other faces in many places.
+    fn much_light(&self, camera: &str) -> Option<String> {
+        let (masked, all) = (self.bounced.masked, self.valid + self.bounced.masked);
+        (masked as f64 > MUCH_MASKED * all as f64).then(|| {
+            format!(
+                "camera \"{camera}\": light from other faces is so strong at {masked} of {all} pixels that they are left out; frames of another place of the part \
+                 among the others look the same: look at the frames, or turn the part"
             )
         })
     }

@@ -43,8 +43,20 @@ const INWARDS_PX: f64 = 6.0;
 /// Phases end at the limb if it is nearer than this, px: twice the usual reach, so that balls are far below it and flat faces far above.
 const LIMB_PX: f64 = 10.0;
 
-/// The same where phases only bend, px: coarse pixels bend at every crease.
+/// The same of a bowl, where phases only bend, px: coarse pixels bend at every crease.
 const BOWL_PX: f64 = 5.0;
+
+/// Where the surface turns back towards the eye.
+#[derive(Clone, Copy)]
+struct Way {
+    /// On the side of the eye, as that of a ball; a bowl, whose wall goes on behind the edge that hides it, does on the other.
+    uphill: bool,
+    /// What has one of these marks may lie beyond a crease, and tells nothing.
+    clear_of: u8,
+}
+
+/// A ball ends in the picture: its limb is no crease.
+const BALL: Way = Way { uphill: true, clear_of: 0 };
 
 /// Shift of points near a limb, along the normal, in pixels on the surface: 6 µm at 0.21 mm per pixel.
 const LIMB_ERROR: f64 = 0.03;
@@ -216,59 +228,47 @@ impl Selector<'_> {
         }
         let eyes = [(OWN, OTHER, Vector3::zeros()), (OTHER, OWN, self.view.other_mm)];
         eyes.into_iter().any(|(mark, second, eye)| {
-            let ends = marks & mark != 0;
+            let limb = |way| self.limb_px((pixel, sample), normal, way, eye);
             // What both pictures show is a crease of the part; what lies beyond one in the own picture, on which the way inwards is measured, is another face.
             let hidden = marks & mark << BENT != 0 && marks & second << BENT == 0;
-            let limb = || self.limb_px((pixel, sample), normal, (ends, (OWN | second) << BENT), eye);
-            (ends || hidden) && limb().is_some_and(|px| px < if ends { LIMB_PX } else { BOWL_PX })
+            let bowl = Way { uphill: false, clear_of: (OWN | second) << BENT };
+            (marks & mark != 0 && limb(BALL).is_some_and(|px| px < LIMB_PX))
+                || (hidden && limb(bowl).is_some_and(|px| px < BOWL_PX))
         })
     }
 
     /// How many pixels of its picture a camera at `eye` sees from here to the limb of a ball or bowl that turns like the surface; `None` where it does
-    /// not turn away, or not to be seen. A ball turns back towards the eye on the side of the eye; a bowl, whose wall goes on behind the edge that
-    /// hides it, on the other. What has one of the marks `clear_of` may lie beyond a crease, and tells nothing where phases do not end.
+    /// not turn away, or not to be seen.
     fn limb_px(
         &self,
-        at: (usize, &Sample),
+        (pixel, sample): (usize, &Sample),
         here: &Vector3<f64>,
-        (ends, clear_of): (bool, u8),
+        way: Way,
         eye: Vector3<f64>,
     ) -> Option<f64> {
-        let to = self.to_eye(at.0, at.1, &eye);
+        let to = self.to_eye(pixel, sample, &eye);
         let unit = to.normalize();
         let cosine = here.dot(&unit);
         if cosine * cosine > FRONTAL_COSINE2 {
             return None;
         }
         let uphill = unit - here * cosine;
-        let limb = |inwards, clear_of| self.limb_beyond_px(at, (here, &to), (inwards, clear_of), &eye);
-        limb(uphill, if ends { 0 } else { clear_of }).or_else(|| limb(-uphill, clear_of))
-    }
-
-    /// The same, if the surface turns towards the eye in this direction and what lies there has none of these marks.
-    fn limb_beyond_px(
-        &self,
-        (pixel, sample): (usize, &Sample),
-        (here, to): (&Vector3<f64>, &Vector3<f64>),
-        (inwards, clear_of): (Vector3<f64>, u8),
-        eye: &Vector3<f64>,
-    ) -> Option<f64> {
         let view = self.view;
-        let inner = self.place_along(pixel, &inwards)?;
+        let inner = self.place_along(pixel, &if way.uphill { uphill } else { -uphill })?;
         let other = self.samples.at(inner);
-        if other.limbs & clear_of != 0 || !self.link.joins(sample, &other, INWARDS_PX as usize) {
+        if other.limbs & way.clear_of != 0 || !self.link.joins(sample, &other, INWARDS_PX as usize) {
             return None;
         }
         let half = self.settings.normal_window_px as usize / 2;
         let turned = normal(view, self.samples, inner, self.link, (half, false))?;
-        let far = self.to_eye(inner, &other, eye);
+        let far = self.to_eye(inner, &other, &eye);
         let sine = |normal: &Vector3<f64>, to: &Vector3<f64>| {
             let cosine = normal.dot(to) / to.norm();
             (1.0 - cosine * cosine).max(0.0).sqrt()
         };
-        let (here, inner) = (sine(here, to), sine(&turned, &far));
+        let (here, inner) = (sine(here, &to), sine(&turned, &far));
         let seen = |to: &Vector3<f64>| Vector2::new(to.x, to.y) / to.z;
-        let between = (seen(to) - seen(&far)).norm() / view.pitch;
+        let between = (seen(&to) - seen(&far)).norm() / view.pitch;
         (here > inner).then(|| between * (1.0 - here) / (here - inner))
     }
 

@@ -4,14 +4,23 @@ use thiserror::Error;
 
 use crate::fit::FitError;
 
+/// Why there are too few points, and what to do: where enough of them lie in the region, their normals are at fault.
+fn too_few(points: usize, without_normals: usize, needs: usize) -> &'static str {
+    if without_normals >= needs && points * 10 < without_normals {
+        "the cloud has no normals there, or they face another way than the element; give a cloud whose normals point out of the material, as \
+         `fringetool reconstruct` writes it, or look whether another face lies there"
+    } else {
+        "the part is missing, hidden, or elsewhere; `fringetool place PLAN CLOUD --out PLACED` writes where it lies into the plan"
+    }
+}
+
 /// Why an element or the part was not found.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum MeasureError {
     /// Not enough points in the region.
     #[error(
-        "element {element}: {points} points in its region ({without_normals} before the test of normals), needs \
-         {needs}: the part is missing, hidden, or elsewhere; `fringetool place PLAN CLOUD --out PLACED` writes where it \
-         lies into the plan"
+        "element {element}: {points} points in its region ({without_normals} before the test of normals), needs {needs}: {}",
+        too_few(*points, *without_normals, *needs)
     )]
     TooFewPoints {
         /// Name of the element.

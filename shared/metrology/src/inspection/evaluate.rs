@@ -2,6 +2,7 @@
 
 use super::MeasureError;
 use super::align::{PlacedPart, align, describe};
+use super::beyond;
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::extracted;
@@ -11,7 +12,7 @@ use super::fitted_element::FittedElement;
 use super::gather::gather;
 use super::joint::{Joint, Part};
 use super::location;
-use super::plan::{Feature, Plan, Quantity};
+use super::plan::{Element, Feature, Plan, Quantity};
 use super::reading::{Reading, filtered_flatness, flatness};
 use super::region::Region;
 use super::result::{AlignmentResult, ConstructedResult, ElementResult, FeatureResult, InspectionResult};
@@ -19,7 +20,7 @@ use crate::fit::{
     Correlation, Derived, Form, PlaneFit, SphereFit, centre_distance_mm, plane_angle_rad, plane_distance_mm,
     sphere_height_mm,
 };
-use crate::verdict::{decide, overall};
+use crate::verdict::{Verdict, decide, overall};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 use nalgebra::Vector3;
@@ -43,7 +44,12 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
     };
     let joint = (!plan.characteristics.is_empty() || !plan.constructed.is_empty())
         .then(|| Joint::new(plan, &elements));
-    let measured = plan.features.par_iter().map(|f| feature(plan, f, &elements, joint.as_ref()));
+    let beyond = beyond::told(plan, &elements);
+    let measured = plan.features.par_iter().map(|one| {
+        let found = feature(plan, one, &elements, joint.as_ref());
+        let rests_on = beyond::elements_of(plan, &one.quantity, joint.as_ref());
+        doubted(found, rests_on.into_iter().find_map(|element| beyond[element].as_deref()))
+    });
     let features: Vec<FeatureResult> = measured.collect();
     let constructed = joint.as_ref().map(constructed_results).unwrap_or_default();
     drop(joint);
@@ -55,8 +61,8 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
         elements: plan
             .elements
             .iter()
-            .zip(elements)
-            .map(|(e, m)| element_result(&e.name, e.criterion, m))
+            .zip(elements.into_iter().zip(beyond))
+            .map(|(element, (measured, beyond))| element_result(element, measured, beyond))
             .collect(),
         constructed,
         features,
@@ -145,16 +151,19 @@ fn filters_mm(plan: &Plan, index: usize) -> Vec<f64> {
 }
 
 /// What is reported of an element. The residuals live on in its points.
-fn element_result(name: &str, criterion: Criterion, outcome: Outcome) -> ElementResult {
-    let criterion = (criterion != Criterion::LeastSquares).then_some(criterion);
-    let name = name.into();
+fn element_result(element: &Element, outcome: Outcome, beyond: Option<String>) -> ElementResult {
+    let criterion = (element.criterion != Criterion::LeastSquares).then_some(element.criterion);
+    let name = element.name.clone();
     match outcome {
         Ok(mut measured) => {
             measured.fit.forget_residuals();
             let Measured { fit, points, .. } = measured;
-            ElementResult { name, fit: Some(fit), reason: None, criterion, points }
+            ElementResult { name, fit: Some(fit), reason: None, criterion, beyond, points }
         }
-        Err(reason) => ElementResult { name, fit: None, reason: Some(reason), criterion, points: Vec::new() },
+        Err(reason) => {
+            let points = Vec::new();
+            ElementResult { name, fit: None, reason: Some(reason), criterion, beyond, points }
+        }
     }
 }
 
@@ -235,6 +244,16 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&
         Err(reason) => result.reason = Some(reason),
     }
     result.described()
+}
+
+/// A result whose element does not hold all of its face proves no conformity.
+fn doubted(mut result: FeatureResult, beyond: Option<&str>) -> FeatureResult {
+    if let Some(beyond) = beyond.filter(|_| result.value.is_some()) {
+        result.verdict = result.verdict.map(|verdict| verdict.max(Verdict::Indeterminate));
+        let detail = result.detail.iter().map(String::as_str);
+        result.detail = Some([beyond].into_iter().chain(detail).collect::<Vec<_>>().join("; "));
+    }
+    result
 }
 
 fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {

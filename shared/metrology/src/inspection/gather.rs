@@ -72,6 +72,26 @@ impl<'a> Nearby<'a> {
         inside.count_ones() as usize
     }
 
+    /// Calls `take` with the numbers of those of a stretch that a wider region holds beside a region, and that face its way.
+    pub fn each_beside(
+        &self,
+        [region, wide]: [&Region; 2],
+        numbers: &[u32],
+        stretch: &mut Stretch,
+        mut take: impl FnMut(u32),
+    ) {
+        self.place(numbers, None, stretch);
+        let mut beside = stretch.held(wide) & !stretch.held(region);
+        if beside != 0 {
+            self.turn(numbers, None, stretch);
+            beside &= stretch.facing(wide);
+        }
+        while beside != 0 {
+            take(numbers[beside.trailing_zeros() as usize]);
+            beside &= beside - 1;
+        }
+    }
+
     fn place(&self, numbers: &[u32], motion: Option<&Pose>, stretch: &mut Stretch) {
         stretch.fill(numbers.iter().map(|number| Vector3::from(self.point(*number).position_mm)));
         stretch.transform(&self.part_from_world);

@@ -7,6 +7,7 @@
 
 mod align;
 mod associate;
+mod beyond;
 mod bounds;
 mod cad_face;
 mod characteristic;
@@ -40,6 +41,7 @@ mod reading;
 mod references;
 mod region;
 mod result;
+mod shift;
 mod stretch;
 mod substitute;
 #[cfg(test)]

@@ -9,6 +9,9 @@ use super::plan::Element;
 use crate::fit::{Outline, PlaneFit, SphereFit, tangents};
 use fringe::math;
 
+/// Cosine of the angle from which on a face is another one, where the plan states none: 30°.
+const USUAL_COS_NORMAL: f64 = 0.866;
+
 /// The neighbourhood of an element's surface, in the part frame.
 #[derive(Debug, Clone)]
 pub(super) struct Region {
@@ -26,6 +29,12 @@ impl Region {
         let cos_normal =
             element.normal_tolerance_rad.map(|t| math::cos((t + widen_rad).min(std::f64::consts::PI)));
         Self { geometry: element.geometry.clone(), margin_mm, cos_normal }
+    }
+
+    /// The same with so many times the margin, looking at normals in any case.
+    pub fn widened(&self, times: f64) -> Self {
+        let cos_normal = self.cos_normal.or(Some(USUAL_COS_NORMAL));
+        Self { margin_mm: times * self.margin_mm, cos_normal, ..self.clone() }
     }
 
     /// About any geometry, whatever the normals.

@@ -82,6 +82,9 @@ pub struct ElementResult {
     /// How it was associated, where not by least squares.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub criterion: Option<Criterion>,
+    /// Why values that rest on it do not pass, where material over it lies beyond its margin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beyond: Option<String>,
     /// Points of the region, for pictures of deviations.
     #[serde(skip)]
     pub points: Vec<DeviationPoint>,

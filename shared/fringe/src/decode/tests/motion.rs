@@ -119,6 +119,28 @@ fn a_motion_within_the_uncertainty_is_stated_and_not_blamed() {
     assert!(large.warning("cam1").is_some_and(|text| text.contains("\"cam1\"") && text.contains("mrad")));
 }
 
+/// Frames that stand off by two waves a sequence ripple the phases at twice their frequency, which no smoothing of neighbours takes out.
+#[test]
+fn a_vibration_within_the_uncertainty_leaves_no_ripple() {
+    let off = |size: f64| {
+        let shift =
+            |frame: usize| if frame < STEPS { size * cos(TAU * 0.2 * frame as f64 + 1.0) } else { 0.0 };
+        let (report, off_rad) = Shown { shift: &shift, ..AT_REST }.decoded().unwrap();
+        assert!(!report.motion.unwrap().moved && report.findings.is_empty(), "{size}: {report:?}");
+        off_rad
+    };
+    let still = off(0.0);
+    for size in [0.006, 0.010] {
+        // The ripple would have size/√8.
+        let rippled = (still * still + size * size / 8.0).sqrt();
+        let left = off(size) - still;
+        assert!(
+            left < 0.2 * (rippled - still) + 0.003 * still,
+            "{size}: {left} rad left of {still}, {rippled} expected"
+        );
+    }
+}
+
 /// Root mean square about the mean.
 fn deviation(of: impl Fn(usize) -> f64, count: usize) -> f64 {
     let mean = (0..count).map(&of).sum::<f64>() / count as f64;

@@ -184,7 +184,7 @@ fn the_limb_is_where_the_turn_of_the_normal_leads() {
                     selector.limb_px(
                         (i, &samples[i]),
                         &normal(&view, &raster, i, link, (2, false))?,
-                        (true, 0),
+                        BALL,
                         eye,
                     ),
                 ))

@@ -1,6 +1,7 @@
 //! Inspection of synthetic clouds of the demo part, and of everything that is not that part.
 
 mod artefact;
+mod beyond;
 mod by_hand;
 mod characteristics;
 mod clouds;
