@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 
 /// Points that are asked, about.
 const ASKED: usize = 512;
-/// Fewer say nothing.
+/// Fewer of them say nothing.
 const LEAST: usize = 50;
 /// Offset that is told, projector px: calibrated projectors leave some hundredths, a knock by 0.01° a quarter.
 const TOLD_PX: f64 = 0.15;

@@ -1,8 +1,10 @@
 //! A plane through the edges around a pixel misses a surface that curves by its sag over the window: f'' (mean square of the edges' distance) / 2. Of a
-//! sphere that is a bias of every point inwards, which no scatter shows. How the planes of pixels half a window apart differ tells f''.
+//! sphere that is a bias of every point inwards, which no scatter shows. How the planes of pixels half a window apart differ tells f'': a bend f'' d² between
+//! them, and what their windows miss more than the one between them.
 
 use super::block::CHUNK;
 use super::edges::{Plane, THREE_LINES};
+use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -12,6 +14,9 @@ struct Sag {
     added: f32,
     growth: f32,
 }
+
+/// Windows at the border of a face lie beside their pixels: what they miss hides the bend between them below this part of it.
+const LEAST_BEND: f64 = 0.3;
 
 /// Nothing is known of the curvature.
 const NONE: Sag = Sag { added: 0.0, growth: 1.0 };
@@ -43,22 +48,35 @@ impl Planes<'_> {
         if plane.offset.is_nan() || half == 0 {
             return NONE;
         }
-        let (column, rows) = (pixel % self.width, self.all.len() / self.width);
-        let row = pixel / self.width;
+        let (column, row, rows) = (pixel % self.width, pixel / self.width, self.all.len() / self.width);
         let inside = [column >= half && column + half < self.width, row >= half && row + half < rows];
-        let distance2 = (half * half) as f64;
-        let (mut added, mut growth2) = (0.0, 1.0);
-        for (axis, step) in [half, half * self.width].into_iter().enumerate() {
-            let sides =
-                inside[axis].then(|| [pixel - step, pixel + step].map(|other| self.from(pixel, other)));
-            let Some([Some(low), Some(high)]) = sides else { continue };
-            // Half of the second difference over the distance squared, times the mean square.
-            let share = 0.5 * f64::from(plane.mean_squares[axis]) / distance2;
-            added -= share * (low + high);
-            // Three planes whose windows overlap: at most as if they did not.
-            growth2 += 6.0 * share * share;
+        let own = Vector2::from(plane.mean_squares.map(f64::from));
+        // f'' along an axis nobody knows counts as zero.
+        let (mut matrix, mut seen) = (Matrix2::identity(), Vector2::zeros());
+        for (axis, step) in
+            [half, half * self.width].into_iter().enumerate().filter(|(axis, _)| inside[*axis])
+        {
+            let sides = [pixel - step, pixel + step];
+            let [Some(low), Some(high)] = sides.map(|other| self.from(pixel, other)) else { continue };
+            // Each of the three planes has the sag of its own window.
+            let theirs = sides.map(|other| Vector2::from(self.all[other].mean_squares.map(f64::from)));
+            let mut by_bend = 0.5 * (theirs[0] + theirs[1]) - own;
+            let distance2 = (half * half) as f64;
+            by_bend[axis] += distance2;
+            if by_bend[axis] < LEAST_BEND * distance2 {
+                continue;
+            }
+            matrix.set_row(axis, &by_bend.transpose());
+            seen[axis] = low + high;
         }
-        Sag { added: added as f32, growth: growth2.sqrt() as f32 }
+        let Some(inverse) = matrix.try_inverse() else { return NONE };
+        let shares = 0.5 * inverse.transpose() * own;
+        // Three planes whose windows overlap: at most as if they did not.
+        let growth2 = 1.0
+            + seen.zip_fold(&shares, 0.0, |sum, seen, share| {
+                sum + if seen == 0.0 { 0.0 } else { 6.0 * share * share }
+            });
+        Sag { added: -shares.dot(&seen) as f32, growth: growth2.sqrt() as f32 }
     }
 
     /// The coordinate of another pixel less that of one, stripes; `None` where it is another surface, or has too few lines of edges.
@@ -80,28 +98,30 @@ mod tests {
     #[test]
     fn the_sag_of_a_paraboloid_is_what_is_added() {
         const SIDE: usize = 40;
-        let (half, mean_square) = (5_u8, 9.0);
+        // Windows of two sizes by turns, as where three lines of edges just fit.
+        let half = |i: usize| if (i % SIDE + i / SIDE).is_multiple_of(3) { 3_u8 } else { 5 };
+        let mean_square = |i: usize| if half(i) == 3 { 3.5 } else { 9.0 };
         for [bend_x, bend_y] in [[0.0, 0.0], [0.004, 0.0], [-0.002, 0.003]] {
             let exact = |column: f64, row: f64| {
                 0.3 * column + 0.02 * row + 0.5 * (bend_x * column * column + bend_y * row * row)
             };
-            let sag = 0.5 * mean_square * (bend_x + bend_y);
-            let at = |i: usize| exact((i % SIDE) as f64 - 20.0, (i / SIDE) as f64 - 20.0) + sag;
+            let sag = |i: usize| 0.5 * mean_square(i) * (bend_x + bend_y);
+            let at = |i: usize| exact((i % SIDE) as f64 - 20.0, (i / SIDE) as f64 - 20.0) + sag(i);
             let plane = |i: usize| Plane {
                 offset: (at(i) - at(i).round()) as f32,
                 factor: 0.1,
                 squares: 0.0,
                 freedom: 10.0,
                 span: 3.0,
-                mean_squares: [mean_square as f32; 2],
-                half,
+                mean_squares: [mean_square(i) as f32; 2],
+                half: half(i),
             };
             let planes: Vec<Plane> = (0..SIDE * SIDE).map(plane).collect();
             let phase_rad: Vec<f32> = (0..SIDE * SIDE).map(|i| (TAU * at(i).round()) as f32).collect();
             let all = Planes { width: SIDE, all: &planes, phase_rad: &phase_rad, most_step: 1.0 };
             for pixel in [0, 20 * SIDE + 20, 17 * SIDE + 25] {
                 let found = all.sag(pixel);
-                let expected = if pixel == 0 { 0.0 } else { -sag };
+                let expected = if pixel == 0 { 0.0 } else { -sag(pixel) };
                 assert!((f64::from(found.added) - expected).abs() < 1e-4, "{found:?}, not {expected}");
                 assert!((1.0..1.4).contains(&found.growth));
             }
