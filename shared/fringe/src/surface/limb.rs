@@ -46,6 +46,9 @@ const LIMB_PX: f64 = 10.0;
 /// The same of a bowl, where phases only bend, px: coarse pixels bend at every crease.
 const BOWL_PX: f64 = 5.0;
 
+/// Least radius of a bowl, px: a crease of 23° and more turns the normal as much over [`INWARDS_PX`].
+const LEAST_BOWL_PX: f64 = 15.0;
+
 /// Where the surface turns back towards the eye.
 #[derive(Clone, Copy)]
 struct Way {
@@ -53,10 +56,12 @@ struct Way {
     uphill: bool,
     /// What has one of these marks may lie beyond a crease, and tells nothing.
     clear_of: u8,
+    /// Smaller ones are none.
+    least_radius_px: f64,
 }
 
 /// A ball ends in the picture: its limb is no crease.
-const BALL: Way = Way { uphill: true, clear_of: 0 };
+const BALL: Way = Way { uphill: true, clear_of: 0, least_radius_px: 0.0 };
 
 /// Shift of points near a limb, along the normal, in pixels on the surface: 6 µm at 0.21 mm per pixel.
 const LIMB_ERROR: f64 = 0.03;
@@ -231,7 +236,8 @@ impl Selector<'_> {
             let limb = |way| self.limb_px((pixel, sample), normal, way, eye);
             // What both pictures show is a crease of the part; what lies beyond one in the own picture, on which the way inwards is measured, is another face.
             let hidden = marks & mark << BENT != 0 && marks & second << BENT == 0;
-            let bowl = Way { uphill: false, clear_of: (OWN | second) << BENT };
+            let clear_of = (OWN | second) << BENT;
+            let bowl = Way { uphill: false, clear_of, least_radius_px: LEAST_BOWL_PX };
             (marks & mark != 0 && limb(BALL).is_some_and(|px| px < LIMB_PX))
                 || (hidden && limb(bowl).is_some_and(|px| px < BOWL_PX))
         })
@@ -269,7 +275,8 @@ impl Selector<'_> {
         let (here, inner) = (sine(here, &to), sine(&turned, &far));
         let seen = |to: &Vector3<f64>| Vector2::new(to.x, to.y) / to.z;
         let between = (seen(&to) - seen(&far)).norm() / view.pitch;
-        (here > inner).then(|| between * (1.0 - here) / (here - inner))
+        let radius = between / (here - inner);
+        (here > inner && radius > way.least_radius_px).then_some(radius * (1.0 - here))
     }
 
     /// From a point to the eye, by the depth of the point.
