@@ -156,9 +156,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if fused.is_empty() {
         let seen: Vec<String> = lines(&done.views).iter().map(ToString::to_string).collect();
         bail!(
-            "{}: no point at all; either the views share no valid phase, or rig and recording do not belong together; {}",
+            "{}: no point at all; either the views share no valid phase, or rig and recording do not belong together; {}{}",
             args.recording.display(),
-            seen.join("; ")
+            seen.join("; "),
+            why::low_range(&recording).unwrap_or_default()
         );
     }
     write_cloud(args, &recording, (&task, &done.views), &fused)?;

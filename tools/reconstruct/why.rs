@@ -3,11 +3,39 @@
 use super::PairCloud;
 use crate::pipeline::DecodedView;
 use anyhow::{Context, Result};
+use files::recording::{RecordedCamera, RecordedProjector, Recording};
+use fringe::frame::PixelBuffer;
 use fringe::geometry::rig::Pair;
 use fringe::phase::PhaseMap;
 use fringe::surface::Cause;
 use report::{Class, ClassMap, class_counts, class_map_png};
 use std::path::{Path, PathBuf};
+
+/// Frames that use less than this part of their range may have another one than the recording states.
+const LITTLE: u32 = 8;
+
+/// What to tell of frames of 16 bits whose largest grey value is far below the range: where no pixel is lit, the range may be wrong.
+pub(super) fn low_range(recording: &Recording) -> Option<String> {
+    let of = |projector: &RecordedProjector, camera: &RecordedCamera| {
+        let largest = |frame: usize| match recording.load(&projector.name, &camera.name, frame).ok()?.pixels {
+            PixelBuffer::Mono16(values) => values.into_iter().max(),
+            PixelBuffer::Mono8(_) => None,
+        };
+        let largest = (0..camera.frames.len()).filter_map(largest).max()?;
+        (u32::from(largest) * LITTLE < u32::from(camera.full_scale_dn)).then(|| {
+            format!(
+                "; the largest grey value of camera \"{}\" is {largest}, where full_scale_dn is {}: state the camera's in {}, 1023 for 10 bits, 4095 for 12",
+                camera.name,
+                camera.full_scale_dn,
+                recording.document.path.display()
+            )
+        })
+    };
+    recording
+        .projectors
+        .iter()
+        .find_map(|projector| projector.cameras.iter().find_map(|camera| of(projector, camera)))
+}
 
 /// Beside the causes: lit, but masked when it was decoded.
 const MASKED: u8 = Cause::ALL.len() as u8;

@@ -187,29 +187,22 @@ impl Motion {
     }
 }
 
-impl StepMotion {
-    /// Takes off what the shifts do to the phases of even steps. The one at φ − δᵢ + pᵢ is found too large by the mean of pᵢ (1 − cos 2(φ − δᵢ)): the mean
-    /// place of the fringes, and a ripple of twice their frequency, which smoothing does not take out as it does noise.
-    fn take_ripple(&self, map: &mut PhaseViewMut) {
-        let [along, across] = self.twice_rad;
-        map.phase_rad.par_iter_mut().with_min_len(RIPPLE_PART).for_each(|phase| {
-            let (sin, cos) = sincos(2.0 * f64::from(*phase));
-            *phase = (f64::from(*phase) + along * cos + across * sin) as f32;
-        });
-    }
-}
-
 impl Decoder {
-    /// Takes the ripple out of a map whose frames moved by little but beyond doubt.
+    /// Takes off what shifts that are beyond doubt do to the phases of even steps. The one at φ − δᵢ + pᵢ is found too large by the mean of
+    /// pᵢ (1 − cos 2(φ − δᵢ)): the mean place of the fringes, and a ripple of twice their frequency, which smoothing does not take out as it does noise.
     pub(super) fn take_ripple(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
         let plan = &self.plan.axes[home];
         let Some((slot, motion)) = plan.sines.first().zip(motion) else { return };
         let even = plan.chain.is_some() && !plan.fused && self.sums[*slot].are_even_steps();
         let Some(steps) = self.motions[*slot].filter(|steps| even && steps.certain) else { return };
         let [along, across] = steps.twice_rad;
-        if (along * along + across * across).sqrt() > LEAST_RIPPLE * motion.sigma_rad {
-            steps.take_ripple(map);
+        if (along * along + across * across).sqrt() < LEAST_RIPPLE * motion.sigma_rad {
+            return;
         }
+        map.phase_rad.par_iter_mut().with_min_len(RIPPLE_PART).for_each(|phase| {
+            let (sin, cos) = sincos(2.0 * f64::from(*phase));
+            *phase = (f64::from(*phase) + along * cos + across * sin) as f32;
+        });
     }
 
     /// How the fringes of an axis moved, against the phase of the pixels that are asked.

@@ -5,30 +5,20 @@
 //! proves nothing about its face, so it does not pass.
 
 use super::fit_element::{Measured, REACH_MARGINS};
-use super::gather::Nearby;
 use super::geometry::Geometry;
 use super::joint::Joint;
 use super::plan::{Element, Plan, Quantity};
 use super::region::Region;
-use super::stretch::{STRETCH, Stretch};
 use std::collections::BTreeSet;
 
 /// Fewest points, and the least part of the element's own, that count: fewer are dust, or what stray light leaves.
 const LEAST_POINTS: usize = 50;
 const LEAST_SHARE: f64 = 0.01;
 
-/// The points of the cloud beside a region in the order of the cloud; none of outlines, lines and points, beside which the part goes on.
-pub(super) fn beside(region: &Region, nearby: &Nearby) -> Vec<u32> {
-    let mut found = Vec::new();
-    if region.geometry.is_outlined() || matches!(region.geometry, Geometry::Point { .. }) {
-        return found;
-    }
-    let wide = region.widened(REACH_MARGINS);
-    let mut stretch = Stretch::new();
-    for numbers in nearby.numbers().chunks(STRETCH) {
-        nearby.each_beside([region, &wide], numbers, &mut stretch, |number| found.push(number));
-    }
-    found
+/// The region whose points beside an element's own are counted; none of outlines, lines and points, beside which the part goes on.
+pub(super) fn reach(region: &Region) -> Option<Region> {
+    let goes_on = region.geometry.is_outlined() || matches!(region.geometry, Geometry::Point { .. });
+    (!goes_on).then(|| region.widened(REACH_MARGINS))
 }
 
 /// For each element what a person should know of the material beside it; `None` where there is hardly any.

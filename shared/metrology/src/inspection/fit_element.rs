@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use super::MeasureError;
 use super::associate::{associated, outlined};
-use super::beyond::beside;
+use super::beyond;
 use super::filter::{Across, Filtered, filtered};
 use super::fitted_element::FittedElement;
 use super::gather::Nearby;
@@ -76,6 +76,8 @@ pub(super) struct Chosen {
     /// Standard uncertainty that the cloud states, and what of it may be in common with others, mm.
     sigmas_mm: Vec<f32>,
     shared_mm: Vec<f32>,
+    /// Numbers in the cloud of those beside the region (see [`beyond`]).
+    beside: Vec<u32>,
 }
 
 impl Chosen {
@@ -85,6 +87,7 @@ impl Chosen {
             places: Vec::with_capacity(count),
             sigmas_mm: Vec::with_capacity(count),
             shared_mm: Vec::with_capacity(count),
+            beside: Vec::new(),
         }
     }
 
@@ -109,10 +112,16 @@ pub(super) fn choose(
     let mut chosen = Chosen::with_capacity(nearby.len());
     let mut without_normals = 0;
     let mut stretch = Stretch::new();
+    let wide = beyond::reach(region).filter(|_| motion.is_none());
     for (first, numbers) in (0..).step_by(STRETCH).zip(nearby.numbers().chunks(STRETCH)) {
-        without_normals += nearby.each_held(region, (numbers, motion), &mut stretch, |k, position, point| {
+        let held = nearby.each_held(region, (numbers, motion), &mut stretch, |k, position, point| {
             chosen.push(first + k, position, point);
         });
+        let count = held.count_ones() as usize;
+        without_normals += count;
+        if let Some(wide) = wide.as_ref().filter(|_| count < numbers.len()) {
+            nearby.each_beside(wide, (numbers, held), &mut stretch, |number| chosen.beside.push(number));
+        }
     }
     if chosen.positions.len() >= needs {
         return Ok(chosen);
@@ -214,8 +223,7 @@ pub(super) fn measure(
     let of_edge = |edge: &f64| (*edge, filtered(&across, &found.residuals().deviation_mm, *edge));
     let filtered = filters_mm.iter().map(of_edge).collect();
     let shared_mm = math::hypot(rms(&shared_mm), found.u_rim_mm());
-    let beside = beside(&region, nearby);
-    Ok(Measured { fit: found, points, filtered, beside, positions: behind, shared_mm })
+    Ok(Measured { fit: found, points, filtered, beside: chosen.beside, positions: behind, shared_mm })
 }
 
 /// Root mean square of the errors that points may have in common, as far as it counts: what an extreme of the element may be off by. Not the

@@ -49,14 +49,14 @@ impl<'a> Nearby<'a> {
     }
 
     /// Calls `take` with those of some of them, a stretch, that belong to a region, after a motion: place in the stretch, position in the part
-    /// frame, point. Tells how many lie in the region, whatever their normals.
+    /// frame, point. Tells which lie in the region, whatever their normals, a bit each.
     pub fn each_held(
         &self,
         region: &Region,
         (numbers, motion): (&[u32], Option<&Pose>),
         stretch: &mut Stretch,
         mut take: impl FnMut(usize, Vector3<f64>, &Point),
-    ) -> usize {
+    ) -> u32 {
         self.place(numbers, motion, stretch);
         let inside = stretch.held(region);
         let mut held = inside;
@@ -69,19 +69,18 @@ impl<'a> Nearby<'a> {
             take(k, stretch.position(k), self.point(numbers[k]));
             held &= held - 1;
         }
-        inside.count_ones() as usize
+        inside
     }
 
-    /// Calls `take` with the numbers of those of a stretch that a wider region holds beside a region, and that face its way.
+    /// Calls `take` with the numbers of those of a stretch, which was placed last, that a wider region holds beside some (`held`), and that face its way.
     pub fn each_beside(
         &self,
-        [region, wide]: [&Region; 2],
-        numbers: &[u32],
+        wide: &Region,
+        (numbers, held): (&[u32], u32),
         stretch: &mut Stretch,
         mut take: impl FnMut(u32),
     ) {
-        self.place(numbers, None, stretch);
-        let mut beside = stretch.held(wide) & !stretch.held(region);
+        let mut beside = stretch.held(wide) & !held;
         if beside != 0 {
             self.turn(numbers, None, stretch);
             beside &= stretch.facing(wide);
