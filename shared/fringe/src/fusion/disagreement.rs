@@ -225,7 +225,7 @@ pub(super) fn largest(raised: &mut Vec<Raised>) {
 
 /// Share of the points at which pairs disagree from which on a person should know: chance and rounded creases have them disagree at one or two hundredths
 /// of a part without fault.
-const MANY_DISAGREE: f64 = 0.04;
+const MANY_DISAGREE: f64 = 0.03;
 
 /// What a person should know, where pairs disagree beyond what they state at so many points of a fused cloud.
 pub fn disagreement_warning(disagreeing: u32, points: u32) -> Option<String> {
