@@ -112,16 +112,14 @@ impl Matching {
         let room = payload::points_mut(loan.payload_mut()).map_err(|e| cycle_fault(&e))?;
         let matched = self.matcher.run(&left, &right, room).map_err(|e| cycle_fault(&e))?;
         let points = matched.points();
-        let beside_projector_px =
-            self.check.as_mut().and_then(|check| check.offset_px(&left, &room[..points as usize]));
+        let judge = |check: &mut ProjectorCheck| check.judge(&left, &room[..points as usize]);
+        let (beside_projector_px, warning) = self.check.as_mut().map(judge).unwrap_or_default();
         loan.header_mut().points = points;
         let used = points as usize * size_of::<Point>();
         let output = (used, output_hash(&loan.payload()[..used]));
         context.sending(|| loan.send())?;
         self.forget();
-        let offset = self.check.as_ref().zip(beside_projector_px);
-        let warnings = offset.and_then(|(check, offset)| check.warning(offset)).into_iter().collect();
-        let report = PairReport { matched, beside_projector_px, warnings };
+        let report = PairReport { matched, beside_projector_px, warnings: warning.into_iter().collect() };
         let report = Report { count: points as usize, text: self.text.json(&report)? };
         context.done_hashed(Work::Match { pair: self.pair }, start_ns, output, report)
     }

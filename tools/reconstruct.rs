@@ -238,10 +238,9 @@ fn match_pairs(task: &Task, rig: &RigFile, views: &[DecodedView]) -> Result<Vec<
         let matched = matcher.cloud(&view(&pair.left), &view(&pair.right));
         let (points, report) =
             matched.with_context(|| format!("{}: pair \"{}\"", rig.path.display(), pair.name))?;
-        let mut check = ProjectorCheck::new(&rig.rig, pair);
-        let beside_projector_px =
-            check.as_mut().and_then(|check| check.offset_px(&view(&pair.left), &points));
-        let warning = check.zip(beside_projector_px).and_then(|(check, offset)| check.warning(offset));
+        let check = ProjectorCheck::new(&rig.rig, pair);
+        let judged = check.map(|mut check| check.judge(&view(&pair.left), &points));
+        let (beside_projector_px, warning) = judged.unwrap_or_default();
         let classes = Vec::new();
         let mut cloud =
             PairCloud { pair: pair.clone(), points, report, beside_projector_px, warning, classes };

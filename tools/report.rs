@@ -4,7 +4,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
-use fringe::decode::{CodeShift, Finding, MUCH_CONTRADICTION, Motion, NoiseSource};
+use fringe::decode::{CodeShift, Finding, Motion, NoiseSource};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -156,16 +156,6 @@ impl fmt::Display for DecodeLine {
             self.ambiguous - self.resolved.min(self.ambiguous),
             self.ambiguous,
         )?;
-        if self.contradiction > MUCH_CONTRADICTION {
-            write!(
-                f,
-                "; code and phase contradict each other at {:.0} % ({} order jumps at {} wraps): check the order of the \
-                 code's frames, stripe_px, direction and first_step_rad",
-                self.contradiction * 100.0,
-                self.order_jumps,
-                self.wraps
-            )?;
-        }
         if let Some(footprint_px) = self.footprint_px {
             let assumed = if self.footprint_assumed { " (that of any lens: assumed)" } else { "" };
             write!(f, "; footprint {footprint_px:.3} px{assumed}")?;

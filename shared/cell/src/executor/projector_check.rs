@@ -7,7 +7,7 @@ use super::matching::Views;
 use fringe::cloud::Point;
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
-use fringe::math::statistics::median;
+use fringe::math::statistics::{SIGMA_OF_MEDIAN, median};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use std::f64::consts::TAU;
@@ -18,8 +18,6 @@ const ASKED: usize = 512;
 const LEAST: usize = 50;
 /// Offset that is told, projector px: calibrated projectors leave some hundredths, a knock by 0.01° a quarter.
 const TOLD_PX: f64 = 0.15;
-/// Standard deviation over the median of the absolute values.
-const MEDIAN: f64 = 1.4826;
 
 /// Compares the points of a pair with its projector, again and again.
 pub struct ProjectorCheck {
@@ -45,7 +43,7 @@ impl ProjectorCheck {
 
     /// How far the points lie beside what the left camera sees of the projector, the noise of the phase taken out: robust root mean square, projector px;
     /// `None` where too few tell.
-    pub fn offset_px(&mut self, left: &Views<'_>, points: &[Point]) -> Option<f64> {
+    fn offset_px(&mut self, left: &Views<'_>, points: &[Point]) -> Option<f64> {
         self.offsets_px.clear();
         let mut noise_px2 = 0.0;
         for point in points.iter().step_by((points.len() / ASKED).max(1)) {
@@ -63,12 +61,18 @@ impl ProjectorCheck {
         }
         let count = self.offsets_px.len();
         let offset_px =
-            median(&mut self.offsets_px).filter(|_| count >= LEAST).map(|median| MEDIAN * median)?;
+            median(&mut self.offsets_px).filter(|_| count >= LEAST).map(|median| SIGMA_OF_MEDIAN * median)?;
         Some((offset_px * offset_px - noise_px2 / count as f64).max(0.0).sqrt())
     }
 
+    /// The offset, and what a person should know of it.
+    pub fn judge(&mut self, left: &Views<'_>, points: &[Point]) -> (Option<f64>, Option<String>) {
+        let offset_px = self.offset_px(left, points);
+        (offset_px, offset_px.and_then(|offset| self.warning(offset)))
+    }
+
     /// What a person should know of an offset.
-    pub fn warning(&self, offset_px: f64) -> Option<String> {
+    fn warning(&self, offset_px: f64) -> Option<String> {
         (offset_px > TOLD_PX).then(|| {
             format!(
                 "pair \"{}\": its points lie {offset_px:.2} px (rms) beside where projector \"{}\" of the rig file lights them, where {TOLD_PX} px is much: \
@@ -147,7 +151,7 @@ mod tests {
             let offset = check.offset_px(&Views::of([map.view()]), &points).unwrap();
             // Neighbouring points may share a pixel, whose phase is that of the last one.
             assert!(
-                (offset - MEDIAN * moved_px.abs()).abs() < 0.05 + 0.1 * moved_px.abs(),
+                (offset - SIGMA_OF_MEDIAN * moved_px.abs()).abs() < 0.05 + 0.1 * moved_px.abs(),
                 "{offset} of {moved_px}"
             );
             let warning = check.warning(offset);

@@ -1,8 +1,8 @@
 //! What two fixed views measure together, beside what each of them shows of the drifted view.
 //!
 //! A partner and the projector that lights it, or two cameras where it is their projector that drifted, fix places in space, which the drifted view
-//! must see where it does: across the epipolar line of the partner, which the pair shows already, and along it. Along it a turn, a shift and the focal length differ, where the
-//! epipolar lines of both are nearly parallel, as with a projector between two cameras. If one of the two fixed views moved, the places are wrong
+//! must see where it does: across the epipolar line of the partner, which the pair shows already, and along it. Along it a turn, a shift and the focal
+//! length differ, where the epipolar lines of both are nearly parallel, as with a projector between two cameras. If one of the two fixed views moved, the places are wrong
 //! and would carry the view with them. So their residuals are first asked for a drift of their own beside that of the pairs: where they show
 //! one that noise, the error of the phase and the calibration do not explain, they are left out.
 

@@ -3,7 +3,7 @@
 //! An edge whose normal is n is blurred by σ² = σx² n_x² + σy² n_y²: edges of two directions tell both. A pixel's area is part of it.
 
 use crate::target::BlurredEdge;
-use fringe::math::statistics::median;
+use fringe::math::statistics::{SIGMA_OF_MEDIAN, median};
 use fringe::sensor::{Footprint, MEAN_FIELD};
 
 /// Edges farther from the model than so many robust standard deviations belong to something else: dirt, a shadow.
@@ -108,7 +108,7 @@ fn robust(mut kept: Vec<Reading>) -> Option<Vec<Reading>> {
     for _ in 0..4 {
         let best = solve(kept.iter())?;
         let mut sizes: Vec<f64> = kept.iter().map(|r| residual(r, best).abs()).collect();
-        let limit = OUTLIER * 1.4826 * median(&mut sizes)?;
+        let limit = OUTLIER * SIGMA_OF_MEDIAN * median(&mut sizes)?;
         let before = kept.len();
         kept.retain(|r| residual(r, best).abs() <= limit.max(1e-9));
         if kept.len() == before {

@@ -108,7 +108,7 @@ pub use noise_line::QUANTISATION_DN2;
 pub use noise_model::{NoiseModel, NoiseSource};
 pub use plan::decoded_axes;
 pub use replace::SineSet;
-pub use report::{DecodeReport, MUCH_CONTRADICTION};
+pub use report::DecodeReport;
 pub use risk::OrderRisk;
 pub use sensor_test::{FootprintTest, NoiseTest, SensorTest};
 pub use settings::{DecodeSettings, OrderMethod};

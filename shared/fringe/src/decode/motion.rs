@@ -4,6 +4,7 @@
 //! A steady drift is extrapolated to the whole sequence: it moves what one projector shows against what the next one shows. A single step is as large as it is.
 
 use super::Decoder;
+use super::block::CHUNK;
 use super::limits::MAX_STEPS;
 use super::roles::SinePlan;
 use crate::math::{cos, sincos};
@@ -16,8 +17,6 @@ pub(super) const LEAST_STEPS: usize = 5;
 const ASKED: usize = 8192;
 /// Ripple below this part of a pixel's uncertainty is left: smoothed points are five times as certain as their pixels.
 const LEAST_RIPPLE: f64 = 0.05;
-/// Fewest pixels of one parallel job.
-const RIPPLE_PART: usize = 16_384;
 /// Standard uncertainties beyond which a drift is one.
 const CERTAIN: f64 = 5.0;
 /// Standard deviation of a rounded value over half of the range of eight bits. The pattern of a frame has such errors in the columns of one period, which
@@ -199,7 +198,7 @@ impl Decoder {
         if (along * along + across * across).sqrt() < LEAST_RIPPLE * motion.sigma_rad {
             return;
         }
-        map.phase_rad.par_iter_mut().with_min_len(RIPPLE_PART).for_each(|phase| {
+        map.phase_rad.par_iter_mut().with_min_len(CHUNK).for_each(|phase| {
             let (sin, cos) = sincos(2.0 * f64::from(*phase));
             *phase = (f64::from(*phase) + along * cos + across * sin) as f32;
         });

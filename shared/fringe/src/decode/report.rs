@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// With fewer lit pixels the sequence is not checked.
 const LEAST_LIT: usize = 200;
 /// Contradiction that a person should know of: few edges of a part make so many.
-pub const MUCH_CONTRADICTION: f64 = 0.1;
+const MUCH_CONTRADICTION: f64 = 0.1;
 /// Part of the pixels that light from other faces masks, from which on a person should know.
 const MUCH_MASKED: f64 = 0.03;
 /// Where more than this part of the pixels seems to be lit by other faces …
@@ -65,11 +65,12 @@ impl DecodeReport {
 
     /// Orders that do not fit the phase at many places, though not at so many that they are refused.
     fn doubtful_orders(&self, camera: &str) -> Option<String> {
-        let share = self.contradiction();
+        let (share, Continuity { wraps, jumps }) = (self.contradiction(), self.continuity);
         (share > MUCH_CONTRADICTION).then(|| {
             format!(
-                "camera \"{camera}\": code and phase contradict each other at {:.0} %, so that points may be wrong by whole periods: frames of another recording or \
-                 exchanged sets look so, and parts of many small faces; look at the frames",
+                "camera \"{camera}\": code and phase contradict each other at {:.0} % ({jumps} order jumps at {wraps} wraps), so that points may be wrong by \
+                 whole periods: check the order of the code's frames, stripe_px, direction and first_step_rad; frames of another recording or exchanged \
+                 sets look so, and parts of many small faces",
                 100.0 * share
             )
         })

@@ -223,9 +223,9 @@ pub(super) fn largest(raised: &mut Vec<Raised>) {
     raised.dedup_by_key(|r| r.cell);
 }
 
-/// Share of the points at which pairs disagree from which on a person should know: chance and rounded creases have them disagree at one or two hundredths
-/// of a part without fault.
-const MANY_DISAGREE: f64 = 0.03;
+/// Share of the points at which pairs disagree from which on a person should know. Chance and rounded creases reach one or two hundredths of a part without
+/// fault; light from other faces, after its own filter, leaves no more than two or three: a warning too many is better than one that is missing.
+const MANY_DISAGREE: f64 = 0.01;
 
 /// What a person should know, where pairs disagree beyond what they state at so many points of a fused cloud.
 pub fn disagreement_warning(disagreeing: u32, points: u32) -> Option<String> {

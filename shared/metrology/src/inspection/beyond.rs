@@ -25,8 +25,8 @@ pub(super) fn reach(region: &Region) -> Option<Region> {
 pub(super) fn told(plan: &Plan, measured: &[Result<Measured, String>]) -> Vec<Option<String>> {
     let of = |index: usize| measured[index].as_ref().ok();
     let belongs = |number: &u32, but: usize| {
-        let others = (0..measured.len()).filter(|other| *other != but).filter_map(of);
-        others.into_iter().any(|other| other.points.binary_search_by_key(number, |point| point.index).is_ok())
+        let mut others = (0..measured.len()).filter(|other| *other != but).filter_map(of);
+        others.any(|other| other.points.binary_search_by_key(number, |point| point.index).is_ok())
     };
     let one = |(index, element): (usize, &Element)| {
         let found = of(index)?;
