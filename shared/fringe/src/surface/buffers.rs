@@ -29,6 +29,8 @@ pub(crate) struct SurfaceBuilder {
     pub(super) counts: Vec<PartCount>,
     pub(super) point_parts: Vec<usize>,
     pub(super) keep: Vec<u8>,
+    /// Where surfaces end.
+    pub(super) ends: Vec<u8>,
     /// What the view knows of its pixels.
     pub(super) raster: Raster,
     /// Instructions that may be used.
@@ -129,6 +131,7 @@ impl SurfaceBuilder {
             counts: vec![PartCount::default(); parts],
             point_parts: vec![0; parts + 1],
             keep: vec![0; pixels],
+            ends: vec![0; pixels],
             raster: Raster::new(pixels),
             level: best_level(),
             patches: Patches::new(pixels),

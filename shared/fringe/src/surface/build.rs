@@ -5,7 +5,6 @@ use super::normals::{Link, normal, quiet_half};
 use super::point::{Sample, View};
 use super::quick::{Shared, group};
 use super::raster::Raster;
-use super::rim::at_rim;
 use super::smooth::{smoothed, smoothed_partly};
 use super::windows::{Block, Broken, HALF, LANES};
 use super::{Cause, SurfaceReport, SurfaceSettings};
@@ -31,12 +30,14 @@ impl SurfaceBuilder {
         let link = Link { max_step: self.max_tangent * view.pitch };
         let spikes = self.drop_spikes(view.width, link);
         let crumbs = self.drop_crumbs(view.width);
-        self.mark_gaps((view.width, view.height), link);
+        self.mark_gaps((view.width, view.height), link, view.pitch);
+        let rims = self.drop_rims(view, link);
         let written = self.write(view, link, pair, out);
         let [remnants, without_normal] = self.drop_remnants(&mut out[..written.points as usize]);
         SurfaceReport {
             spikes,
             crumbs: crumbs + remnants,
+            rims,
             points: written.points - remnants,
             without_normal: written.without_normal - without_normal,
             ..written
@@ -125,7 +126,6 @@ fn close_gaps((starts, counts): (&[usize], &[PartCount]), written: &mut [Point],
         }
         report.points += count.points;
         report.steep += count.steep;
-        report.rims += count.rims;
         report.uncertain += count.uncertain;
         report.without_normal += count.without_normal;
     }
@@ -158,9 +158,8 @@ impl Selector<'_> {
         let View { width, height, .. } = *self.view;
         let common =
             Shared { max_step: self.link.max_step, excess: self.excess, min_cosine: self.min_cosine };
-        let whole = self.settings.smoothing_half() == HALF
-            && self.settings.normal_window_px as usize / 2 == HALF
-            && self.settings.edge_px as usize <= HALF;
+        let whole =
+            self.settings.smoothing_half() == HALF && self.settings.normal_window_px as usize / 2 == HALF;
         let (mut slots, mut block) = (points.iter_mut(), Block::NONE);
         let mut at = pixels.start;
         while at < pixels.end {
@@ -228,24 +227,13 @@ impl Selector<'_> {
         count.without_normal += u32::from(normal.is_none());
     }
 
-    /// The smoothed sample, its normal, and whether it is a point. What lies at a rim is dropped before anything else is asked.
+    /// The smoothed sample, its normal, and whether it is a point.
     #[inline]
     pub(super) fn pixel(&self, pixel: usize, broken: Broken) -> (Sample, Option<Vector3<f64>>, Cause) {
         let Self { view, samples, link, gaps, settings, .. } = *self;
         let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
-        let size = (view.width, view.height);
-        let edge = view.rim_px(&samples.at(pixel), settings.edge_px as usize);
-        let lies_at_rim = |window: usize| window < edge && at_rim(size, samples, gaps, pixel, link, edge);
         let largest = if broken.quadratic { HALF - 1 } else { smoothing };
-        // Where every window is smaller than the rim, none need be tried first.
-        let asked = largest < edge;
-        if asked && lies_at_rim(largest) {
-            return (samples.at(pixel), None, Cause::Rim);
-        }
         let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, largest);
-        if !asked && lies_at_rim(window) {
-            return (sample, None, Cause::Rim);
-        }
         let normal = normal(view, samples, pixel, link, (half, broken.plane));
         if window < smoothing {
             sample = smoothed_partly(view, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);

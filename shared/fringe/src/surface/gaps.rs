@@ -1,7 +1,9 @@
-//! Narrow gaps in a raster: a masked line or speck through a surface, beyond which the surface goes on.
+//! Narrow gaps in a raster: a masked line or speck through a surface, beyond which the surface goes on. A shadow can be as narrow, but beyond it the
+//! surface is another one, or lies elsewhere.
 
 use super::buffers::SurfaceBuilder;
 use super::normals::Link;
+use super::raster::Raster;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
 use crate::surface::LANES;
@@ -27,11 +29,50 @@ pub(crate) fn bridges_line(
     }
 }
 
+/// A surface that goes on may come out beyond a gap so many pixels (as lengths on it) from where the slopes on both sides lead, and for each pixel of the
+/// way by so much of the gentler slope: the footprint shifts what stands beside a gap by half a pixel.
+const BESIDE_PX: f64 = 1.0;
+const BESIDE_SHARE: f64 = 0.1;
+
+/// So many standard deviations of what the slopes foretell are noise.
+const NOISE: f64 = 3.0;
+
+/// Slopes beside a gap are taken over so many pixels, without the one that stands at the gap.
+const SLOPE_PX: usize = 2;
+
+/// Whether a surface goes on between two samples so many pixels apart in a row or a column: its slopes on both sides lead across. `true` where there are
+/// not enough samples beside them for slopes. `pitch`: length of a pixel, see [`super::View`].
+fn goes_on(samples: &Raster, (width, pitch): (usize, f64), (a, b, distance): (usize, usize, usize)) -> bool {
+    let step = (b - a) / distance;
+    let beside = |steps: usize, forwards: bool| {
+        let way = steps * step;
+        let place = if forwards { b.checked_add(way) } else { a.checked_sub(way) }?;
+        let same_line = step != 1 || place / width == a / width;
+        samples.depths.get(place).copied().filter(|depth| same_line && depth.is_finite())
+    };
+    let sides = [false, true].map(|forwards| Some((beside(1, forwards)?, beside(1 + SLOPE_PX, forwards)?)));
+    let [Some((near_a, far_a)), Some((near_b, far_b))] = sides else { return true };
+    let (way, across) = ((distance + 2) as f64, near_b - near_a);
+    let slopes = [(near_a - far_a) / SLOPE_PX as f64, (far_b - near_b) / SLOPE_PX as f64];
+    // Of a quadratic the mean of both slopes is that of the way between them.
+    let off = (across - way * 0.5 * (slopes[0] + slopes[1])).abs();
+    let gentler = slopes[0].abs().min(slopes[1].abs());
+    let shift = BESIDE_PX * pitch * near_a.abs() + BESIDE_SHARE * way * gentler;
+    let sigma = f64::from(samples.sigmas[a].max(samples.sigmas[b]));
+    // Of both ends, and of the mean slope over the way.
+    let over = way / SLOPE_PX as f64;
+    let noise = sigma * (2.0 + over * over).sqrt();
+    off <= shift + NOISE * noise
+}
+
 impl SurfaceBuilder {
-    /// Marks in `keep` the absent samples that lie in a narrow gap of a surface.
-    pub(super) fn mark_gaps(&mut self, (width, height): (usize, usize), link: Link) {
+    /// Marks in `keep` the absent samples that lie in a narrow gap of a surface. `pitch`: length of a pixel, see [`super::View`].
+    pub(super) fn mark_gaps(&mut self, (width, height): (usize, usize), link: Link, pitch: f64) {
         let Self { row_parts, keep, counts, raster, level, .. } = self;
-        let joined = |a: usize, b: usize, distance| link.joins(&raster.at(a), &raster.at(b), distance);
+        let joined = |a: usize, b: usize, distance| {
+            link.joins(&raster.at(a), &raster.at(b), distance)
+                && goes_on(raster, (width, pitch), (a, b, distance))
+        };
         for_parts(row_parts, keep, counts, &|part, keep, _| {
             let first = row_parts[part] / width;
             for (row, line) in keep.chunks_mut(width).enumerate() {

@@ -1,10 +1,18 @@
 //! Where a surface ends in the picture.
+//!
+//! The footprint of a pixel at a rim sees less than a whole pixel of the surface, or a part of another one, and shifts its phase: by two thirds of a
+//! pixel in the outermost one, by a seventh in the next. They are no points, nor does any window take them: the normals of their neighbours would turn
+//! by 5 to 25°.
 
+use super::Cause;
 use super::broken::{self, is_readable};
+use super::buffers::{PartCount, SurfaceBuilder};
 use super::gaps::mark_row;
 use super::normals::Link;
+use super::point::View;
 use super::raster::Raster;
 use super::windows::HALF;
+use crate::math::parallel::for_parts;
 use crate::math::simd::{best_level, vectorised};
 use rayon::prelude::*;
 
@@ -19,8 +27,91 @@ fn specks(all: usize) -> u16 {
     (SPECK_SHARE * all as f64).max(SPECK_SAMPLES).floor() as u16
 }
 
+/// Mark of a sample that lay at a rim, among those of gaps: beyond it the surface does not go on.
+pub(super) const DROPPED: u8 = 2;
+
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
+
+impl SurfaceBuilder {
+    /// Drops the samples nearer than `edge_px` to where their surface ends; returns how many. Gaps must have been marked in `keep`, where
+    /// they become [`DROPPED`].
+    pub(super) fn drop_rims(&mut self, view: &View, link: Link) -> u32 {
+        let edge = self.settings.edge_px as usize;
+        if edge == 0 || view.width == 0 {
+            return 0;
+        }
+        let Self { keep, ends, counts, row_parts, raster, causes, level, .. } = self;
+        let (size, gaps, samples) = ((view.width, view.height), &*keep, &*raster);
+        for_parts(row_parts, ends, counts, &|part, ends, _| {
+            let first = row_parts[part] / view.width;
+            for (row, line) in (first..).zip(ends.chunks_mut(view.width)) {
+                vectorised!(*level, end_row(size, (samples, gaps), link, row, line));
+            }
+        });
+        let ends = &*ends;
+        for_parts(row_parts, causes, counts, &|part, causes, count| {
+            *count = PartCount::default();
+            let first = row_parts[part] / view.width;
+            for (row, causes) in (first..).zip(causes.chunks_mut(view.width)) {
+                let found = |column: usize, counts: &[u16], _| {
+                    for (column, _) in (column..).zip(counts).filter(|(_, near)| **near > 0) {
+                        let pixel = row * view.width + column;
+                        let edge = view.rim_px(&samples.at(pixel), edge);
+                        if samples.depths[pixel].is_finite() && at_rim(size, samples, gaps, pixel, link, edge)
+                        {
+                            causes[column] = Cause::Rim;
+                            count.rims += 1;
+                        }
+                    }
+                };
+                vectorised!(*level, count_row(size, ends, edge, row, found));
+            }
+        });
+        let rows = raster.depths.par_chunks_mut(view.width).zip(keep.par_chunks_mut(view.width));
+        rows.zip(causes.par_chunks(view.width)).with_min_len(ROWS).for_each(|((depths, gaps), causes)| {
+            for ((depth, gap), cause) in depths.iter_mut().zip(gaps).zip(causes) {
+                if *cause == Cause::Rim {
+                    (*depth, *gap) = (f64::NAN, DROPPED);
+                }
+            }
+        });
+        self.counts.iter().map(|count| count.rims).sum()
+    }
+}
+
+/// Marks the pixels of a row that are missing, but for gaps, and those that are not joined to the one beside, above or below.
+#[inline(always)]
+fn end_row(
+    (width, height): (usize, usize),
+    (samples, gaps): (&Raster, &[u8]),
+    link: Link,
+    row: usize,
+    line: &mut [u8],
+) {
+    let at = row * width;
+    let (own, sigmas) = (&samples.depths[at..at + width], &samples.sigmas[at..at + width]);
+    for ((end, gap), depth) in line.iter_mut().zip(&gaps[at..at + width]).zip(own) {
+        *end = u8::from(depth.is_nan()) & u8::from(*gap == 0);
+    }
+    // NaN fails the comparison.
+    let jumps = |a: f64, b: f64, sigmas: f32| u8::from((a - b).abs() > link.limit(a, sigmas, 1));
+    for other in [row.checked_sub(1), (row + 1 < height).then_some(row + 1)].into_iter().flatten() {
+        let beside = other * width..(other + 1) * width;
+        let beside = samples.depths[beside.clone()].iter().zip(&samples.sigmas[beside]);
+        for ((end, (depth, sigma)), (other, of_other)) in
+            line.iter_mut().zip(own.iter().zip(sigmas)).zip(beside)
+        {
+            *end |= jumps(*depth, *other, sigma + of_other);
+        }
+    }
+    for (end, (depths, sigmas)) in line.iter_mut().zip(own.windows(2).zip(sigmas.windows(2))) {
+        *end |= jumps(depths[0], depths[1], sigmas[0] + sigmas[1]);
+    }
+    for (end, (depths, sigmas)) in line.iter_mut().skip(1).zip(own.windows(2).zip(sigmas.windows(2))) {
+        *end |= jumps(depths[0], depths[1], sigmas[0] + sigmas[1]);
+    }
+}
 
 /// Marks the NaN of a raster, but for gaps of up to three pixels whose sides differ by less than `max_step` per pixel.
 pub(crate) fn mark_missing((width, values): (usize, &[f32]), max_step: f32, missing: &mut [u8]) {
@@ -47,19 +138,33 @@ pub(crate) fn mark_rims(width: usize, edge: usize, missing: &[u8], rims: &mut [u
     }
     let (level, height) = (best_level(), rims.len() / width);
     rims.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, rims)| {
-        vectorised!(level, count_row((width, height), missing, edge, row, rims));
+        vectorised!(
+            level,
+            count_row((width, height), missing, edge, row, |column, counts, all| {
+                let most = specks(all);
+                for (rim, count) in rims[column..].iter_mut().zip(counts) {
+                    *rim = u8::from(*count > most);
+                }
+            })
+        );
     });
 }
 
 /// Pixels of a group.
 const GROUP: usize = 32;
 
-/// Marks the pixels of a row in whose window more than specks are missing.
+/// Counts what is missing in the windows of the pixels of a row: `found` gets the column of the first of some, their counts, and the pixels of such a
+/// window.
 #[inline(always)]
-fn count_row((width, height): (usize, usize), missing: &[u8], edge: usize, row: usize, rims: &mut [u8]) {
+fn count_row(
+    (width, height): (usize, usize),
+    missing: &[u8],
+    edge: usize,
+    row: usize,
+    mut found: impl FnMut(usize, &[u16], usize),
+) {
     let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
     let lines = span(row, height);
-    let most = specks((2 * edge + 1) * lines.len());
     let mut column = 0;
     while column < width {
         if column >= edge && column + GROUP + edge <= width {
@@ -72,16 +177,14 @@ fn count_row((width, height): (usize, usize), missing: &[u8], edge: usize, row: 
                     }
                 }
             }
-            for (rim, count) in rims[column..column + GROUP].iter_mut().zip(counts) {
-                *rim = u8::from(count > most);
-            }
+            found(column, &counts, (2 * edge + 1) * lines.len());
             column += GROUP;
             continue;
         }
         let places = span(column, width);
         let counted = lines.clone().flat_map(|line| &missing[line * width..][places.clone()]);
-        let count: u16 = counted.map(|missing| u16::from(*missing)).sum();
-        rims[column] = u8::from(count > specks(places.len() * lines.len()));
+        let count = counted.map(|missing| u16::from(*missing)).sum();
+        found(column, &[count], places.len() * lines.len());
         column += 1;
     }
 }
@@ -116,8 +219,12 @@ pub(super) fn at_rim(
 
 #[cfg(test)]
 mod tests {
-    use super::super::Sample;
+    use super::super::{Sample, SurfaceSettings};
     use super::*;
+    use crate::cloud::Point;
+    use crate::rectify::Directions;
+    use bytemuck::Zeroable;
+    use nalgebra::Vector3;
 
     const LINK: Link = Link { max_step: 0.01 };
 
@@ -199,5 +306,78 @@ mod tests {
         }
         mark_rims(width, 0, &missing, &mut rims);
         assert!(rims.iter().all(|rim| *rim == 0));
+    }
+
+    const SIDE: usize = 40;
+    const PITCH: f64 = 0.001;
+    /// Inverse depth of the middle, and what a length of one pixel on the surface changes it by.
+    const MIDDLE: f64 = 0.002;
+    const UNIT: f64 = MIDDLE * PITCH;
+
+    /// Causes and points of a slanting plane of which each column stands off by so many pixels, or is dark.
+    fn built(off_px: impl Fn(usize) -> Option<f64>) -> (Vec<Cause>, Vec<Point>) {
+        let at = |i: usize| [i % SIDE, i / SIDE].map(|v| (v as f64 - 20.0) * PITCH);
+        let directions = Directions::kept(SIDE, (0..SIDE * SIDE).map(at).collect());
+        let sample = |i: usize| {
+            let Some(off) = off_px(i % SIDE) else { return Sample::NONE };
+            let inverse_depth = MIDDLE * (1.0 + 0.5 * at(i)[0] - 0.2 * at(i)[1]) + off * UNIT;
+            let sigma = (0.07 * UNIT) as f32;
+            Sample { inverse_depth, sigma, modulation: 1.0, ..Sample::without(Cause::Point) }
+        };
+        let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
+        let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
+        builder.load(&samples);
+        let mut points = vec![Point::zeroed(); samples.len()];
+        let view = View::along_the_axes([SIDE, SIDE], &directions, PITCH);
+        let report = builder.build(&view, 0, &mut points);
+        points.truncate(report.points as usize);
+        let rims = builder.causes().iter().filter(|cause| **cause == Cause::Rim).count();
+        assert_eq!(report.rims as usize, rims);
+        (builder.causes().to_vec(), points)
+    }
+
+    /// Proves: the pixels at a rim, which stand off, are no points, and turn the normals of their neighbours by nothing.
+    #[test]
+    fn what_stands_off_at_a_rim_turns_no_normal() {
+        let (causes, points) = built(|column| match column {
+            0..10 => None,
+            10 => Some(2.5),
+            11 => Some(0.55),
+            _ => Some(0.0),
+        });
+        for (pixel, cause) in causes.iter().enumerate() {
+            let wanted = match pixel % SIDE {
+                0..10 => Cause::Dark,
+                10 | 11 => Cause::Rim,
+                _ => Cause::Point,
+            };
+            assert_eq!(*cause, wanted, "{pixel}");
+        }
+        let normal = |point: &Point| Vector3::from(point.normal.map(f64::from));
+        let inside = normal(points.iter().find(|point| point.pixel as usize == 20 * SIDE + 30).unwrap());
+        let turn = points.iter().map(|point| normal(point).cross(&inside).norm()).fold(0.0, f64::max);
+        assert!(points.len() == SIDE * 28 && turn < 1e-3, "{} points, {turn} rad", points.len());
+    }
+
+    /// Proves: a narrow shadow beyond which another surface begins has rims on both sides; a dark line across a face has none.
+    #[test]
+    fn a_shadow_has_rims_and_a_dark_line_has_none() {
+        for width in 1..=3 {
+            for step_px in [0.0, 4.0, -4.0] {
+                let beyond = 20 + width;
+                let (causes, _) = built(|column| {
+                    (!(20..beyond).contains(&column)).then_some(if column < 20 { 0.0 } else { step_px })
+                });
+                let is_rim = |column: usize| step_px != 0.0 && (18..beyond + 2).contains(&column);
+                for (pixel, cause) in causes.iter().enumerate() {
+                    let wanted = match pixel % SIDE {
+                        column if (20..beyond).contains(&column) => Cause::Dark,
+                        column if is_rim(column) => Cause::Rim,
+                        _ => Cause::Point,
+                    };
+                    assert_eq!(*cause, wanted, "{width} px, {step_px} px off: {pixel}");
+                }
+            }
+        }
     }
 }

@@ -11,6 +11,7 @@ use super::curved::{Derivatives, missing};
 use super::normals::Link;
 use super::point::{Sample, View};
 use super::raster::Raster;
+use super::rim::DROPPED;
 use super::shares::{MAX_HALF, OWN_SHARE, other_left, share_left, shared};
 use nalgebra::{Matrix6, Vector6};
 use std::sync::LazyLock;
@@ -57,7 +58,7 @@ const LEAST_SHARE: f64 = 0.6;
 /// A partial window may leave so much more noise than a full one.
 const MOST_EXTRA_NOISE: f64 = 2.0;
 
-/// The same over a window that lacks the samples of narrow gaps: the largest one beyond half width `none` up to `half`. The sample is
+/// The same over a window that lacks the samples of narrow gaps or of a rim: the largest one beyond half width `none` up to `half`. The sample is
 /// left alone where more than gaps is missing.
 pub(super) fn smoothed_partly(
     view: &View,
@@ -93,6 +94,8 @@ struct Partial {
     moments: Vector6<f64>,
     squares: f64,
     count: f64,
+    /// Whether it lacks samples at a rim, so that it is not alike on both sides.
+    lopsided: bool,
 }
 
 /// The equations of a window of which every sample is there.
@@ -117,7 +120,13 @@ impl Partial {
         link: Link,
     ) -> Option<Self> {
         let centre = &samples.at(pixel);
-        let mut sums = Self { normal: whole(half), moments: Vector6::zeros(), squares: 0.0, count: 0.0 };
+        let mut sums = Self {
+            normal: whole(half),
+            moments: Vector6::zeros(),
+            squares: 0.0,
+            count: 0.0,
+            lopsided: false,
+        };
         for v in -(half as isize)..=half as isize {
             for u in -(half as isize)..=half as isize {
                 let at = (pixel as isize + v * width as isize + u) as usize;
@@ -128,6 +137,7 @@ impl Partial {
                     if gaps[at] == 0 {
                         return None;
                     }
+                    sums.lopsided |= gaps[at] == DROPPED;
                     // Whole numbers: their sums are exact in any order.
                     sums.normal -= terms * terms.transpose();
                     continue;
@@ -156,7 +166,9 @@ impl Partial {
         let noise = MAX_NOISE * f64::from(centre.sigma);
         let slope2 = fit[1] * fit[1] + fit[2] * fit[2];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * self.squares;
-        let enough = half > 1 || self.count > 7.0;
+        // Of a surface that curves, a lopsided window leaves an error of third order, which counts where the noise does not hide even the second.
+        let even = !self.lopsided || fit[3].abs() + fit[5].abs() <= f64::from(centre.sigma);
+        let enough = even && (half > 1 || self.count > 7.0);
         let (by_uu, by_vv) = (2.0 * fit[3], 2.0 * fit[5]);
         let derivatives = Derivatives { u: fit[1], v: fit[2], uu: by_uu, uv: fit[4], vv: by_vv };
         let missing = missing(half, derivatives, of(centre), pitch);
