@@ -24,6 +24,13 @@ use std::ops::Range;
 const LIKELY: f64 = 2.0;
 /// The same of a block whatever those around it say: noise exceeds it in one of 20 000 blocks.
 const CERTAIN: f64 = 5.0;
+/// Distances of a block, and of those around it, that are independent, where all cells are looked at.
+const IN_BLOCK: f64 = 8.0;
+const AROUND: f64 = 14.0;
+/// Quantiles of a normal variable that are exceeded in one of ten, of twenty and of 20 000 cases.
+const ONE_OF_TEN: f64 = 1.2816;
+const ONE_OF_TWENTY: f64 = 1.6449;
+const ONE_OF_20000: f64 = 3.8906;
 /// Fewer points of a block say nothing.
 const LEAST: f64 = 16.0;
 /// Blocks that are asked how far distances scatter, at most and at least.
@@ -36,6 +43,41 @@ const USUAL_SCATTER: f64 = 1.2 * 0.875 * 0.91;
 const MOST_NOISE: f64 = 2.0;
 /// Cells that are judged as one part.
 const CELLS: usize = 1024;
+
+/// Quantile of the mean of so many squares of independent normal variables of variance 1, by that of a normal variable (Wilson and Hilferty 1931).
+fn mean_square(count: f64, quantile: f64) -> f64 {
+    let spread = 2.0 / (9.0 * count);
+    (1.0 - spread + quantile * spread.sqrt()).powi(3)
+}
+
+/// What is asked of the mean squares where one of so many cells is looked at, so that noise exceeds it no more often than where all are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Of a block that those around it have to confirm, of those around it, and of a block by itself.
+    block: f64,
+    around: f64,
+    certain: f64,
+    /// What distances usually scatter by about the mean of their block.
+    usual_scatter: f64,
+}
+
+impl Limits {
+    /// Where one of `every` cells is looked at.
+    pub fn of_every(every: usize) -> Self {
+        let part = |all: f64, less: f64| (all / every as f64 - less).max(0.5);
+        let more =
+            |all: f64, quantile: f64| mean_square(part(all, 0.0), quantile) / mean_square(all, quantile);
+        // Of n values, n − 1 are free of their mean.
+        let [some, all] = [part(IN_BLOCK, 1.0), IN_BLOCK - 1.0];
+        let free = (some / (some + 1.0)) / (all / IN_BLOCK);
+        Self {
+            block: LIKELY * more(IN_BLOCK, ONE_OF_TEN),
+            around: LIKELY * more(AROUND, ONE_OF_TWENTY),
+            certain: CERTAIN * more(IN_BLOCK, ONE_OF_20000),
+            usual_scatter: USUAL_SCATTER * free * mean_square(some, 0.0) / mean_square(all, 0.0),
+        }
+    }
+}
 
 /// What the points of a cell show that have a surface of the other cloud beside them.
 #[derive(Debug, Clone, Copy, Default)]
@@ -98,6 +140,7 @@ pub(super) struct Comparison<'a> {
     pub grid: &'a Grid,
     /// The variance of distances by noise, over what it usually is of the stated one.
     pub noise: f64,
+    pub limits: Limits,
 }
 
 impl Comparison<'_> {
@@ -147,7 +190,7 @@ impl Comparison<'_> {
             return 1.0;
         }
         let (_, median, _) = found.select_nth_unstable_by(count / 2, f64::total_cmp);
-        (*median / USUAL_SCATTER).clamp(1.0, MOST_NOISE)
+        (*median / self.limits.usual_scatter).clamp(1.0, MOST_NOISE)
     }
 
     /// Adds those of some cells from `first` on in which the clouds disagree beyond noise. `shown`: what a cell shows; `None` where it is
@@ -184,7 +227,7 @@ impl Comparison<'_> {
     /// What a cell and the 26 around it show together, where that is a disagreement.
     fn disagreeing(&self, key: u64, rows: &[Range<usize>], wide: &mut Surroundings<25>) -> Option<Compared> {
         let block = self.within(rows);
-        if block.count < LEAST || !block.disagrees(LIKELY * self.noise) {
+        if block.count < LEAST || !block.disagrees(self.limits.block * self.noise) {
             return None;
         }
         let mut confirmed = || {
@@ -195,9 +238,9 @@ impl Comparison<'_> {
                 squares: all.squares - block.squares,
                 stated: all.stated - block.stated,
             };
-            around.count >= LEAST && around.disagrees(LIKELY * self.noise)
+            around.count >= LEAST && around.disagrees(self.limits.around * self.noise)
         };
-        (block.disagrees(CERTAIN * self.noise) || confirmed()).then_some(block)
+        (block.disagrees(self.limits.certain * self.noise) || confirmed()).then_some(block)
     }
 
     /// What the cells of some rows show.

@@ -33,7 +33,7 @@ use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
 use cells::{Cells, Found};
 pub use disagreement::disagreement_warning;
-use disagreement::{Compared, Comparison, Raised};
+use disagreement::{Compared, Comparison, Limits, Raised};
 use grid::{Extent, Grid, Lattice, is_finite};
 use isolated::has_around;
 use near::Near;
@@ -252,7 +252,7 @@ impl Fuser {
         // Every cloud is compared with all others: from one cell in so many, so that the work grows with the clouds, not with their square.
         let every = clouds.saturating_sub(1).max(1);
         let nearness = Nearness { radius_mm, cosine, fewest: settings.min_overlap_neighbours, every };
-        let level = best_level();
+        let (level, limits) = (best_level(), Limits::of_every(every));
         let cells: usize = self.per_cloud[..clouds].iter().map(Cells::len).sum();
         clear_and_reserve(&mut self.raised, 2 * cells);
         for a in 0..clouds {
@@ -275,7 +275,8 @@ impl Fuser {
                 self.distances.iter().for_each(|part| all.join(part));
                 self.report.overlaps.push(all.overlap(a, b));
                 let (own, other) = ((a, own), (b, other));
-                let mut comparison = Comparison { own, other, compared: &self.compared, grid, noise: 1.0 };
+                let mut comparison =
+                    Comparison { own, other, compared: &self.compared, grid, noise: 1.0, limits };
                 if self.may_share_noise(a, b) {
                     comparison = comparison.with_own_noise();
                 }
