@@ -29,7 +29,7 @@ pub(crate) struct SurfaceBuilder {
     pub(super) counts: Vec<PartCount>,
     pub(super) point_parts: Vec<usize>,
     pub(super) keep: Vec<u8>,
-    /// Where surfaces end.
+    /// Pixels at which surfaces end.
     pub(super) ends: Vec<u8>,
     /// What the view knows of its pixels.
     pub(super) raster: Raster,

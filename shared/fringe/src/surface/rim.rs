@@ -54,8 +54,9 @@ impl SurfaceBuilder {
             *count = PartCount::default();
             let first = row_parts[part] / view.width;
             for (row, causes) in (first..).zip(causes.chunks_mut(view.width)) {
+                // A rim has more than one end beside it.
                 let found = |column: usize, counts: &[u16], _| {
-                    for (column, _) in (column..).zip(counts).filter(|(_, near)| **near > 0) {
+                    for (column, _) in (column..).zip(counts).filter(|(_, near)| **near > 1) {
                         let pixel = row * view.width + column;
                         let edge = view.rim_px(&samples.at(pixel), edge);
                         if samples.depths[pixel].is_finite() && at_rim(size, samples, gaps, pixel, link, edge)

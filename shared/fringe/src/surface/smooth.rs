@@ -52,8 +52,14 @@ pub(super) fn smoothed(
     (samples.at(pixel), 0)
 }
 
-/// Fewer samples of a window do not make a quadratic.
+/// Fewer samples of a window do not make a quadratic; of the smallest one may be missing.
 const LEAST_SHARE: f64 = 0.6;
+
+/// Most samples that a window may lack.
+fn most_missing(half: usize) -> usize {
+    let side = 2 * half + 1;
+    if half == 1 { 1 } else { side * side - (LEAST_SHARE * (side * side) as f64).ceil() as usize }
+}
 
 /// A partial window may leave so much more noise than a full one.
 const MOST_EXTRA_NOISE: f64 = 2.0;
@@ -119,25 +125,31 @@ impl Partial {
         pixel: usize,
         link: Link,
     ) -> Option<Self> {
+        let side = 2 * half + 1;
+        let first = pixel - half * (width + 1);
+        let (mut missing, mut lopsided) = (0, false);
+        for start in (0..side).map(|v| first + v * width) {
+            let line = samples.depths[start..start + side].iter().zip(&gaps[start..start + side]);
+            for (_, gap) in line.filter(|(depth, _)| depth.is_nan()) {
+                if *gap == 0 {
+                    return None;
+                }
+                (missing, lopsided) = (missing + 1, lopsided || *gap == DROPPED);
+            }
+        }
+        if missing > most_missing(half) {
+            return None;
+        }
         let centre = &samples.at(pixel);
-        let mut sums = Self {
-            normal: whole(half),
-            moments: Vector6::zeros(),
-            squares: 0.0,
-            count: 0.0,
-            lopsided: false,
-        };
+        let count = (side * side - missing) as f64;
+        let mut sums = Self { normal: whole(half), moments: Vector6::zeros(), squares: 0.0, count, lopsided };
         for v in -(half as isize)..=half as isize {
             for u in -(half as isize)..=half as isize {
                 let at = (pixel as isize + v * width as isize + u) as usize;
                 let sample = &samples.at(at);
                 let (x, y) = (u as f64, v as f64);
                 let terms = Vector6::new(1.0, x, y, x * x, x * y, y * y);
-                if !sample.inverse_depth.is_finite() {
-                    if gaps[at] == 0 {
-                        return None;
-                    }
-                    sums.lopsided |= gaps[at] == DROPPED;
+                if sample.inverse_depth.is_nan() {
                     // Whole numbers: their sums are exact in any order.
                     sums.normal -= terms * terms.transpose();
                     continue;
@@ -148,32 +160,33 @@ impl Partial {
                 let difference = sample.inverse_depth - centre.inverse_depth;
                 sums.moments += terms * difference;
                 sums.squares += difference * difference;
-                sums.count += 1.0;
             }
         }
-        let side = (2 * half + 1) as f64;
-        (sums.count >= LEAST_SHARE * side * side).then_some(sums)
+        Some(sums)
     }
 
     /// Inverse depth at the middle, its derivatives and the share of independent noise that is left; `None` where the samples are rougher
     /// than noise and one smooth surface explain.
     fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, [f64; 2], f64)> {
         let side = (2 * half + 1) as f64;
-        let inverse =
-            if self.count == side * side { WHOLE_INVERSES[half]? } else { self.normal.cholesky()?.inverse() };
-        let fit = inverse * self.moments;
+        let (fit, own) = if self.count == side * side {
+            let inverse = WHOLE_INVERSES[half]?;
+            (inverse * self.moments, inverse[(0, 0)])
+        } else {
+            let factors = self.normal.cholesky()?;
+            (factors.solve(&self.moments), factors.solve(&Vector6::x())[0])
+        };
         let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
         let noise = MAX_NOISE * f64::from(centre.sigma);
         let slope2 = fit[1] * fit[1] + fit[2] * fit[2];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * self.squares;
         // Of a surface that curves, a lopsided window leaves an error of third order, which counts where the noise does not hide even the second.
         let even = !self.lopsided || fit[3].abs() + fit[5].abs() <= f64::from(centre.sigma);
-        let enough = even && (half > 1 || self.count > 7.0);
         let (by_uu, by_vv) = (2.0 * fit[3], 2.0 * fit[5]);
         let derivatives = Derivatives { u: fit[1], v: fit[2], uu: by_uu, uv: fit[4], vv: by_vv };
         let missing = missing(half, derivatives, of(centre), pitch);
         let smooth = centre.inverse_depth + (fit[0] + missing);
-        (enough && residual <= limit).then_some((smooth, [fit[1], fit[2]], inverse[(0, 0)]))
+        (even && residual <= limit).then_some((smooth, [fit[1], fit[2]], own))
     }
 }
 
