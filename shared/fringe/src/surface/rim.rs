@@ -54,8 +54,15 @@ impl SurfaceBuilder {
             *count = PartCount::default();
             let first = row_parts[part] / view.width;
             for (row, causes) in (first..).zip(causes.chunks_mut(view.width)) {
+                let own = &samples.depths[row * view.width..][..view.width];
+                let asked = |column: usize| {
+                    own[column..column + GROUP].iter().fold(false, |any, depth| any | !depth.is_nan())
+                };
                 // A rim has more than one end beside it.
                 let found = |column: usize, counts: &[u16], _| {
+                    if counts.iter().fold(0, |most, near| most.max(*near)) <= 1 {
+                        return;
+                    }
                     for (column, _) in (column..).zip(counts).filter(|(_, near)| **near > 1) {
                         let pixel = row * view.width + column;
                         let edge = view.rim_px(&samples.at(pixel), edge);
@@ -66,15 +73,15 @@ impl SurfaceBuilder {
                         }
                     }
                 };
-                vectorised!(*level, count_row(size, ends, edge, row, found));
+                vectorised!(*level, count_row(size, ends, edge, row, (asked, found)));
             }
         });
         let rows = raster.depths.par_chunks_mut(view.width).zip(keep.par_chunks_mut(view.width));
         rows.zip(causes.par_chunks(view.width)).with_min_len(ROWS).for_each(|((depths, gaps), causes)| {
             for ((depth, gap), cause) in depths.iter_mut().zip(gaps).zip(causes) {
-                if *cause == Cause::Rim {
-                    (*depth, *gap) = (f64::NAN, DROPPED);
-                }
+                let dropped = *cause == Cause::Rim;
+                *depth = if dropped { f64::NAN } else { *depth };
+                *gap = if dropped { DROPPED } else { *gap };
             }
         });
         self.counts.iter().map(|count| count.rims).sum()
@@ -91,26 +98,39 @@ fn end_row(
     line: &mut [u8],
 ) {
     let at = row * width;
-    let (own, sigmas) = (&samples.depths[at..at + width], &samples.sigmas[at..at + width]);
-    for ((end, gap), depth) in line.iter_mut().zip(&gaps[at..at + width]).zip(own) {
-        *end = u8::from(depth.is_nan()) & u8::from(*gap == 0);
-    }
-    // NaN fails the comparison.
-    let jumps = |a: f64, b: f64, sigmas: f32| u8::from((a - b).abs() > link.limit(a, sigmas, 1));
-    for other in [row.checked_sub(1), (row + 1 < height).then_some(row + 1)].into_iter().flatten() {
-        let beside = other * width..(other + 1) * width;
-        let beside = samples.depths[beside.clone()].iter().zip(&samples.sigmas[beside]);
-        for ((end, (depth, sigma)), (other, of_other)) in
-            line.iter_mut().zip(own.iter().zip(sigmas)).zip(beside)
-        {
-            *end |= jumps(*depth, *other, sigma + of_other);
+    let (depths, sigmas) = (&samples.depths[..], &samples.sigmas[..]);
+    for first in (0..width).step_by(GROUP) {
+        let count = GROUP.min(width - first);
+        let here = at + first;
+        let own = &depths[here..here + count];
+        let line = &mut line[first..first + count];
+        // Where nothing is, nothing jumps, and a gap is none.
+        for ((end, gap), depth) in line.iter_mut().zip(&gaps[here..here + count]).zip(own) {
+            *end = u8::from(depth.is_nan()) & u8::from(*gap == 0);
         }
-    }
-    for (end, (depths, sigmas)) in line.iter_mut().zip(own.windows(2).zip(sigmas.windows(2))) {
-        *end |= jumps(depths[0], depths[1], sigmas[0] + sigmas[1]);
-    }
-    for (end, (depths, sigmas)) in line.iter_mut().skip(1).zip(own.windows(2).zip(sigmas.windows(2))) {
-        *end |= jumps(depths[0], depths[1], sigmas[0] + sigmas[1]);
+        if own.iter().all(|depth| depth.is_nan()) {
+            continue;
+        }
+        // From the first one of each two; NaN fails the comparison.
+        let jumps = |from: usize, to: usize, line: &mut [u8]| {
+            let both = line.len();
+            let (a, b) = (&depths[from..from + both], &depths[to..to + both]);
+            let (sa, sb) = (&sigmas[from..from + both], &sigmas[to..to + both]);
+            for (k, end) in line.iter_mut().enumerate() {
+                let jump = (a[k] - b[k]).abs() > link.limit(a[k], sa[k] + sb[k], 1);
+                *end |= u8::from(jump);
+            }
+        };
+        if row > 0 {
+            jumps(here, here - width, line);
+        }
+        if row + 1 < height {
+            jumps(here, here + width, line);
+        }
+        let inside = count - usize::from(first + count == width);
+        jumps(here, here + 1, &mut line[..inside]);
+        let before = usize::from(first == 0);
+        jumps(here + before - 1, here + before, &mut line[before..]);
     }
 }
 
@@ -141,12 +161,21 @@ pub(crate) fn mark_rims(width: usize, edge: usize, missing: &[u8], rims: &mut [u
     rims.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, rims)| {
         vectorised!(
             level,
-            count_row((width, height), missing, edge, row, |column, counts, all| {
-                let most = specks(all);
-                for (rim, count) in rims[column..].iter_mut().zip(counts) {
-                    *rim = u8::from(*count > most);
-                }
-            })
+            count_row(
+                (width, height),
+                missing,
+                edge,
+                row,
+                (
+                    |_| true,
+                    |column: usize, counts: &[u16], all: usize| {
+                        let most = specks(all);
+                        for (rim, count) in rims[column..].iter_mut().zip(counts) {
+                            *rim = u8::from(*count > most);
+                        }
+                    }
+                )
+            )
         );
     });
 }
@@ -155,14 +184,14 @@ pub(crate) fn mark_rims(width: usize, edge: usize, missing: &[u8], rims: &mut [u
 const GROUP: usize = 32;
 
 /// Counts what is missing in the windows of the pixels of a row: `found` gets the column of the first of some, their counts, and the pixels of such a
-/// window.
+/// window. Of whole groups of pixels that are not asked nothing counts.
 #[inline(always)]
 fn count_row(
     (width, height): (usize, usize),
     missing: &[u8],
     edge: usize,
     row: usize,
-    mut found: impl FnMut(usize, &[u16], usize),
+    (asked, mut found): (impl Fn(usize) -> bool, impl FnMut(usize, &[u16], usize)),
 ) {
     let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
     let lines = span(row, height);
@@ -170,7 +199,11 @@ fn count_row(
     while column < width {
         if column >= edge && column + GROUP + edge <= width {
             let mut counts = [0_u16; GROUP];
-            for line in lines.clone() {
+            // Most groups have nothing missing around them, and are dark or whole.
+            let around = |line: usize| &missing[line * width + column - edge..][..GROUP + 2 * edge];
+            let any = |line: usize| around(line).iter().fold(0, |any, missing| any | missing) != 0;
+            let counted = if asked(column) && lines.clone().any(any) { lines.clone() } else { 0..0 };
+            for line in counted {
                 for place in 0..=2 * edge {
                     let values = &missing[line * width + column + place - edge..][..GROUP];
                     for (count, value) in counts.iter_mut().zip(values) {
