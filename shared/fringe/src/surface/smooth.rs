@@ -94,9 +94,6 @@ pub(super) fn smoothed_partly(
 static WHOLE_INVERSES: LazyLock<[Option<Matrix6<f64>>; MAX_HALF + 1]> =
     LazyLock::new(|| std::array::from_fn(|half| Some(whole(half).cholesky()?.inverse())));
 
-/// Exponents of u and v in the terms of a quadratic.
-const EXPONENTS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
-
 /// Normal equations of a quadratic over part of a window.
 struct Partial {
     normal: Matrix6<f64>,
@@ -146,8 +143,6 @@ impl Partial {
         let centre = &samples.at(pixel);
         let count = (side * side - missing) as f64;
         let mut sums = Self { normal: whole(half), moments: Vector6::zeros(), squares: 0.0, count, lopsided };
-        // Σ uᵃ vᵇ over what is missing: whole numbers, whose sums are exact in any order.
-        let mut powers = [[0.0; 5]; 5];
         for v in -(half as isize)..=half as isize {
             for u in -(half as isize)..=half as isize {
                 let at = (pixel as isize + v * width as isize + u) as usize;
@@ -155,11 +150,8 @@ impl Partial {
                 let (x, y) = (u as f64, v as f64);
                 let terms = Vector6::new(1.0, x, y, x * x, x * y, y * y);
                 if sample.inverse_depth.is_nan() {
-                    let (xx, yy) = (x * x, y * y);
-                    let (of_x, of_y) = ([1.0, x, xx, x * xx, xx * xx], [1.0, y, yy, y * yy, yy * yy]);
-                    for (powers, x) in powers.iter_mut().zip(of_x) {
-                        powers.iter_mut().zip(of_y).for_each(|(power, y)| *power += x * y);
-                    }
+                    // Whole numbers: their sums are exact in any order.
+                    sums.normal -= terms * terms.transpose();
                     continue;
                 }
                 if !link.joins(centre, sample, u.unsigned_abs().max(v.unsigned_abs())) {
@@ -168,13 +160,6 @@ impl Partial {
                 let difference = sample.inverse_depth - centre.inverse_depth;
                 sums.moments += terms * difference;
                 sums.squares += difference * difference;
-            }
-        }
-        if missing > 0 {
-            for (i, [a, b]) in EXPONENTS.into_iter().enumerate() {
-                for (j, [c, d]) in EXPONENTS.into_iter().enumerate() {
-                    sums.normal[(i, j)] -= powers[a + c][b + d];
-                }
             }
         }
         Some(sums)
