@@ -154,7 +154,7 @@ fn border_row(
 }
 
 /// Pixels of a row that are worked on at once.
-const TILE: usize = 512;
+const TILE: usize = 128;
 
 /// Farther from a border than any limb reaches, rows.
 const FAR: u8 = u8::MAX;
@@ -192,6 +192,24 @@ impl Disc {
         for first in (0..width).step_by(TILE) {
             let count = TILE.min(width - first);
             let columns = first.saturating_sub(MOST_PX)..(first + count + MOST_PX).min(width);
+            let line = &mut line[first..first + count];
+            // Most tiles are dark, or far from a border.
+            let own = &borders[row * width + first..][..count];
+            if own.iter().fold(kind, |all, border| all & border) != 0 {
+                for near in line {
+                    *near |= mark;
+                }
+                continue;
+            }
+            let mut around = 0;
+            for other in row.saturating_sub(self.most)..(row + self.most + 1).min(height) {
+                for border in &borders[other * width..][columns.clone()] {
+                    around |= border;
+                }
+            }
+            if around & kind == 0 {
+                continue;
+            }
             let mut rows = [FAR; TILE + 2 * MOST_PX];
             for away in (0..=self.most).rev() {
                 for other in [row.checked_sub(away), Some(row + away)].into_iter().flatten() {
@@ -205,7 +223,6 @@ impl Disc {
                     }
                 }
             }
-            let line = &mut line[first..first + count];
             for (beside, most) in self.across.iter().enumerate().take(self.most + 1) {
                 for place in [MOST_PX - beside, MOST_PX + beside] {
                     for (near, rows) in line.iter_mut().zip(&rows[place..place + count]) {

@@ -133,6 +133,9 @@ fn derivative(view: &View, pixel: usize, coordinate: usize, stride: usize, count
 /// The fit over a window of which every sample is on the surface; else `None`.
 #[inline]
 fn full_window<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, link: Link) -> Option<Plane> {
+    if !samples.has_corners(width, pixel, HALF) {
+        return None;
+    }
     let centre = &samples.at(pixel);
     let (mut sum, mut by_column, mut by_row) = (0.0, 0.0, 0.0);
     let mut worst = 0.0_f64;

@@ -100,6 +100,15 @@ impl Raster {
         }
     }
 
+    /// Whether the samples at the corners of a window about a pixel are there; at a rim one of them is not, and no sum over the window is.
+    #[inline]
+    pub(super) fn has_corners(&self, width: usize, pixel: usize, half: usize) -> bool {
+        let (across, down) = (half, half * width);
+        let corners =
+            [pixel - down - across, pixel - down + across, pixel + down - across, pixel + down + across];
+        corners.iter().all(|corner| self.depths[*corner].is_finite())
+    }
+
     /// Takes the samples of a pixel and of those behind it.
     #[inline(always)]
     pub fn put_beside(&mut self, pixel: usize, samples: &Samples) {

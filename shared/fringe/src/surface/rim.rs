@@ -14,7 +14,9 @@ use super::raster::Raster;
 use super::windows::HALF;
 use crate::math::parallel::for_parts;
 use crate::math::simd::{best_level, vectorised};
+use fearless_simd::{Simd, SimdBase, SimdInt, u8x32};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A window at a rim lacks more than this part of its samples; a speck that could not be matched lacks less.
 const SPECK_SHARE: f64 = 0.1;
@@ -56,10 +58,11 @@ impl SurfaceBuilder {
             for (row, causes) in (first..).zip(causes.chunks_mut(view.width)) {
                 let own = &samples.depths[row * view.width..][..view.width];
                 let asked = |column: usize| {
-                    own[column..column + GROUP].iter().fold(false, |any, depth| any | !depth.is_nan())
+                    let group = &own[column..(column + GROUP).min(view.width)];
+                    group.iter().fold(false, |any, depth| any | !depth.is_nan())
                 };
                 // A rim has more than one end beside it.
-                let found = |column: usize, counts: &[u16], _| {
+                let found = |column: usize, counts: &[u8], _| {
                     for (column, _) in (column..).zip(counts).filter(|(_, near)| **near > 1) {
                         let pixel = row * view.width + column;
                         let edge = view.rim_px(&samples.at(pixel), edge);
@@ -70,15 +73,13 @@ impl SurfaceBuilder {
                         }
                     }
                 };
-                vectorised!(*level, count_row(size, ends, edge, row, (asked, found)));
+                vectorised!(*level, |simd| count_row(simd, size, ends, edge, row, (asked, found)));
             }
         });
         let rows = raster.depths.par_chunks_mut(view.width).zip(keep.par_chunks_mut(view.width));
         rows.zip(causes.par_chunks(view.width)).with_min_len(ROWS).for_each(|((depths, gaps), causes)| {
-            for ((depth, gap), cause) in depths.iter_mut().zip(gaps).zip(causes) {
-                if *cause == Cause::Rim {
-                    (*depth, *gap) = (f64::NAN, DROPPED);
-                }
+            for (column, _) in causes.iter().enumerate().filter(|(_, cause)| **cause == Cause::Rim) {
+                (depths[column], gaps[column]) = (f64::NAN, DROPPED);
             }
         });
         self.counts.iter().map(|count| count.rims).sum()
@@ -95,11 +96,10 @@ fn end_row(
     line: &mut [u8],
 ) {
     let at = row * width;
-    let (depths, sigmas) = (&samples.depths[..], &samples.sigmas[..]);
     for first in (0..width).step_by(GROUP) {
         let count = GROUP.min(width - first);
         let here = at + first;
-        let own = &depths[here..here + count];
+        let own = &samples.depths[here..here + count];
         let line = &mut line[first..first + count];
         for ((end, gap), depth) in line.iter_mut().zip(&gaps[here..here + count]).zip(own) {
             *end = u8::from(depth.is_nan()) & u8::from(*gap == 0);
@@ -108,26 +108,29 @@ fn end_row(
         if own.iter().all(|depth| depth.is_nan()) {
             continue;
         }
-        // From the first one of each two; NaN fails the comparison.
-        let jumps = |from: usize, to: usize, line: &mut [u8]| {
-            let count = line.len();
-            let (a, b) = (&depths[from..from + count], &depths[to..to + count]);
-            let (sa, sb) = (&sigmas[from..from + count], &sigmas[to..to + count]);
-            for (k, end) in line.iter_mut().enumerate() {
-                let jump = (a[k] - b[k]).abs() > link.limit(a[k], sa[k] + sb[k], 1);
-                *end |= u8::from(jump);
-            }
-        };
         if row > 0 {
-            jumps(here, here - width, line);
+            mark_jumps(samples, link, (here, here - width), line);
         }
         if row + 1 < height {
-            jumps(here, here + width, line);
+            mark_jumps(samples, link, (here, here + width), line);
         }
         let inside = count - usize::from(first + count == width);
-        jumps(here, here + 1, &mut line[..inside]);
+        mark_jumps(samples, link, (here, here + 1), &mut line[..inside]);
         let before = usize::from(first == 0);
-        jumps(here + before - 1, here + before, &mut line[before..]);
+        mark_jumps(samples, link, (here + before - 1, here + before), &mut line[before..]);
+    }
+}
+
+/// Marks where samples from one place on are not joined to those from another.
+#[inline(always)]
+fn mark_jumps(samples: &Raster, link: Link, (from, to): (usize, usize), line: &mut [u8]) {
+    let count = line.len();
+    let [a, b] = [from, to].map(|first| &samples.depths[first..first + count]);
+    let [sa, sb] = [from, to].map(|first| &samples.sigmas[first..first + count]);
+    for (k, end) in line.iter_mut().enumerate() {
+        // NaN fails the comparison.
+        let jump = (a[k] - b[k]).abs() > link.limit(a[k], sa[k] + sb[k], 1);
+        *end |= u8::from(jump);
     }
 }
 
@@ -157,57 +160,86 @@ pub(crate) fn mark_rims(width: usize, edge: usize, missing: &[u8], rims: &mut [u
     let (level, height) = (best_level(), rims.len() / width);
     rims.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, rims)| {
         let all = |_| true;
-        let mark = |column: usize, counts: &[u16], all: usize| {
+        let mark = |column: usize, counts: &[u8], all: usize| {
             let most = specks(all);
             for (rim, count) in rims[column..].iter_mut().zip(counts) {
-                *rim = u8::from(*count > most);
+                *rim = u8::from(u16::from(*count) > most);
             }
         };
-        vectorised!(level, count_row((width, height), missing, edge, row, (all, mark)));
+        vectorised!(level, |simd| count_row(simd, (width, height), missing, edge, row, (all, mark)));
     });
 }
 
 /// Pixels of a group.
 const GROUP: usize = 32;
 
-/// Counts what is missing in the windows of the pixels of a row: `found` gets the column of the first of some, their counts, and the pixels of such a
-/// window. Of whole groups of pixels that are not asked nothing counts.
+/// Pixels that are read on either side of a group: no window reaches farther.
+const BESIDE: usize = GROUP / 2;
+
+/// Counts what is missing in the windows of the pixels of a row, up to 255: `found` gets the column of the first of some, their counts, and the pixels
+/// of such a window. Of whole groups of pixels that are not asked nothing counts.
 #[inline(always)]
-fn count_row(
+fn count_row<S: Simd>(
+    simd: S,
     (width, height): (usize, usize),
     missing: &[u8],
     edge: usize,
     row: usize,
-    (asked, mut found): (impl Fn(usize) -> bool, impl FnMut(usize, &[u16], usize)),
+    (asked, mut found): (impl Fn(usize) -> bool, impl FnMut(usize, &[u8], usize)),
 ) {
     let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
     let lines = span(row, height);
-    let mut column = 0;
-    while column < width {
-        if column >= edge && column + GROUP + edge <= width {
-            let mut counts = [0_u16; GROUP];
-            // Most groups have nothing missing around them, and are dark or whole.
-            let around = |line: usize| &missing[line * width + column - edge..][..GROUP + 2 * edge];
-            let any = |line: usize| around(line).iter().fold(0, |any, missing| any | missing) != 0;
-            let counted = if asked(column) && lines.clone().any(any) { lines.clone() } else { 0..0 };
-            for line in counted {
-                for place in 0..=2 * edge {
-                    let values = &missing[line * width + column + place - edge..][..GROUP];
-                    for (count, value) in counts.iter_mut().zip(values) {
-                        *count += u16::from(*value);
-                    }
-                }
+    for column in (0..width).step_by(GROUP) {
+        let count = GROUP.min(width - column);
+        let mut counts = [0; GROUP];
+        let sums = if asked(column) { sums(simd, width, missing, &lines, column) } else { [0; 2 * GROUP] };
+        // Most groups have nothing missing around them, and are dark or whole.
+        if sums.iter().fold(0, |any, sum| any | sum) != 0 {
+            let mut all = u8x32::splat(simd, 0);
+            for place in BESIDE - edge..=BESIDE + edge {
+                all = all.saturating_add(u8x32::from_slice(simd, &sums[place..place + GROUP]));
             }
+            all.store_slice(&mut counts);
+        }
+        if column >= edge && column + GROUP + edge <= width {
             found(column, &counts, (2 * edge + 1) * lines.len());
-            column += GROUP;
             continue;
         }
-        let places = span(column, width);
-        let counted = lines.clone().flat_map(|line| &missing[line * width..][places.clone()]);
-        let count = counted.map(|missing| u16::from(*missing)).sum();
-        found(column, &[count], places.len() * lines.len());
-        column += 1;
+        for (column, count) in (column..).zip(counts[..count].chunks(1)) {
+            found(column, count, span(column, width).len() * lines.len());
+        }
     }
+}
+
+/// How many pixels of some lines are missing in the columns of a group and in those beside it.
+#[inline(always)]
+fn sums<S: Simd>(
+    simd: S,
+    width: usize,
+    missing: &[u8],
+    lines: &Range<usize>,
+    column: usize,
+) -> [u8; 2 * GROUP] {
+    let columns = column.saturating_sub(BESIDE)..(column + GROUP + BESIDE).min(width);
+    let (mut low, mut high) = (u8x32::splat(simd, 0), u8x32::splat(simd, 0));
+    let mut add = |values: &[u8]| {
+        low += u8x32::from_slice(simd, &values[..GROUP]);
+        high += u8x32::from_slice(simd, &values[GROUP..2 * GROUP]);
+    };
+    for line in lines.clone() {
+        let values = &missing[line * width..][columns.clone()];
+        if values.len() == 2 * GROUP {
+            add(values);
+            continue;
+        }
+        let mut padded = [0; 2 * GROUP];
+        padded[columns.start + BESIDE - column..][..values.len()].copy_from_slice(values);
+        add(&padded);
+    }
+    let mut sums = [0; 2 * GROUP];
+    low.store_slice(&mut sums[..GROUP]);
+    high.store_slice(&mut sums[GROUP..]);
+    sums
 }
 
 /// Whether more than specks are missing among the samples up to `edge` pixels away; beyond the picture and in narrow gaps

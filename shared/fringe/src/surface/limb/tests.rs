@@ -105,12 +105,14 @@ fn to_limb_px(place: Vector3<f64>, eye: Vector3<f64>) -> f64 {
 #[test]
 fn marks_are_those_of_all_pixels_compared() {
     let mut found = Vec::new();
-    for (width, height, reach) in [(23, 17, 2.5), (75, 40, 4.3), (64, 33, 5.5), (41, 5, 8.0), (3, 9, 7.9)] {
+    let sizes = [(23, 17, 2.5), (75, 40, 4.3), (64, 33, 5.5), (41, 5, 8.0), (3, 9, 7.9), (5 * TILE, 9, 4.3)];
+    for (width, height, reach) in sizes {
         let draw = |i: usize| (400.0 * Key::new(3).open(i as u64)) as usize;
-        let value = |i: usize| match draw(i) {
-            0 => f32::NAN,
-            1 => 50.0,
-            2 => i as f32 * 1e-3 + 0.4,
+        // Of the widest one, one tile is dark, and one is far from a border.
+        let value = |i: usize| match (draw(i), i % width) {
+            (0, 0..TILE) | (_, TILE..=270) => f32::NAN,
+            (1, 0..TILE) => 50.0,
+            (2, 0..TILE) => i as f32 * 1e-3 + 0.4,
             _ => i as f32 * 1e-3,
         };
         let values: Vec<f32> = (0..width * height).map(value).collect();
