@@ -55,6 +55,12 @@ impl Footprint {
         (0.5 * (x * x + y * y), x * ux + y * uy)
     }
 
+    /// Variance that the decoder takes off the phases of a camera, mean over the picture, px²: that of its footprint, or of a usual lens where it is not
+    /// known.
+    pub(crate) fn taken_px2(footprint: Option<Self>) -> f64 {
+        footprint.map_or(USUAL_LENS_PX2, |footprint| footprint.variance_px2().0)
+    }
+
     /// Variances along x and y at a place of the picture, px²: `field` is its squared distance from the middle over that of the corner.
     pub fn variances_at_px2(&self, field: f64) -> [f64; 2] {
         self.sigma_px.map(|sigma| sigma * sigma + self.field_px2 * (field - MEAN_FIELD))

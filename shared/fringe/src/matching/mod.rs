@@ -70,7 +70,7 @@ use crate::math::simd::best_level;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::sensor::Footprint;
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, axis_of, rim_is_hidden};
+use crate::surface::{Cause, Sample, Shares, SurfaceBuilder, View, WINDOWS, axis_of, rim_is_hidden};
 use ends::Ends;
 use epipolar_rows::StepLimits;
 use fearless_simd::Level;
@@ -119,6 +119,8 @@ pub struct Matcher {
     /// What was found of the lit groups of these parts, part by part.
     hits: [Vec<Hit>; 2],
     surface: SurfaceBuilder,
+    /// What windows leave of the noise.
+    shares: Shares,
     /// Instructions that may be used.
     level: Level,
 }
@@ -170,16 +172,19 @@ impl Matcher {
             outside: order.others(columns * rows),
             order,
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
+            shares: Shares::new([0.0; 2]),
             level: best_level(),
             directions,
             pair,
         })
     }
 
-    /// Takes the footprints of the left and the right camera, where they are known: they say how far a limb reaches.
+    /// Takes the footprints of the left and the right camera, where they are known: they say how far a limb reaches, and what taking them off the
+    /// phases did to the noise.
     #[must_use]
     pub fn with_footprints(mut self, footprints: [Option<Footprint>; 2]) -> Self {
         self.ends.set_footprints(footprints);
+        self.shares = Shares::new(footprints.map(Footprint::taken_px2));
         self
     }
 
@@ -258,6 +263,7 @@ impl Matcher {
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
             axes: [&self.pair.left, &self.pair.right].map(|c| axis_of(&c.camera, &c.camera_from_rectified)),
             independence,
+            shares: self.shares,
             max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };
         report.surface = self.surface.build(&view, pair, out);

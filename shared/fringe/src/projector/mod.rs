@@ -24,8 +24,8 @@ use crate::phase::PhaseView;
 use crate::rectify::{Directions, RectifiedCamera};
 use crate::sensor::Footprint;
 use crate::surface::{
-    Cause, Independence, OWN, Sample, SurfaceBuilder, View, WINDOWS, axis_of, independence, mark_limbs,
-    mark_missing, reach_px,
+    Cause, Independence, OWN, Sample, Shares, SurfaceBuilder, View, WINDOWS, axis_of, independence,
+    mark_limbs, mark_missing, reach_px,
 };
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
@@ -60,6 +60,8 @@ pub struct ProjectorMatcher {
     borders: Vec<u8>,
     samples: Vec<Sample>,
     surface: SurfaceBuilder,
+    /// What windows leave of the noise.
+    shares: Shares,
 }
 
 impl ProjectorMatcher {
@@ -97,13 +99,15 @@ impl ProjectorMatcher {
             borders: vec![0; pixels],
             samples: vec![Sample::NONE; pixels],
             surface: SurfaceBuilder::new(width, height, settings.surface),
+            shares: Shares::new([0.0; 2]),
         })
     }
 
-    /// Takes the footprint of the camera, where it is known: it says how far a limb reaches.
+    /// Takes the footprint of the camera, where it is known: it says how far a limb reaches, and what taking it off the phases did to the noise.
     #[must_use]
     pub fn with_footprint(mut self, footprint: Option<Footprint>) -> Self {
         self.reach_px = reach_px(footprint);
+        self.shares = Shares::new([Footprint::taken_px2(footprint), 0.0]);
         self
     }
 
@@ -157,6 +161,7 @@ impl ProjectorMatcher {
                 axis_of(view, (view.camera_from_world.rotation * of_camera).to_rotation_matrix().matrix())
             }),
             independence,
+            shares: self.shares,
             max_sigma: f64::INFINITY,
         };
         self.surface.load(&self.samples);

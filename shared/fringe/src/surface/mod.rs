@@ -31,6 +31,7 @@ pub(crate) use limb::{OTHER, OWN, RIM, mark_limbs, reach_px};
 pub(crate) use point::{Sample, View, axis_of, rim_is_hidden};
 pub(crate) use raster::Samples;
 pub(crate) use rim::{mark_missing, mark_rims};
+pub(crate) use shares::Shares;
 pub(crate) use windows::{LANES, taken};
 
 use serde::{Deserialize, Serialize};
@@ -81,7 +82,7 @@ impl SurfaceSettings {
     /// Variance that smoothing leaves of the points' noise, of which the share `own` is independent from point to point, where both views see
     /// the surface at the same scale.
     pub fn noise_share(&self, own: f64) -> f64 {
-        shares::share_left(self.smoothing_px as usize / 2, own, 1.0)
+        Shares::new([0.0; 2]).left(self.smoothing_half(), own, 1.0)
     }
 
     /// Least cosine of the incidence at which points are kept whose depth noise is so many pixels on the surface.

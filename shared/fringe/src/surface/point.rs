@@ -2,6 +2,7 @@
 
 use super::cause::Cause;
 use super::independence::Independence;
+use super::shares::Shares;
 use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::rectify::Directions;
@@ -58,6 +59,8 @@ pub(crate) struct View<'a> {
     pub axes: [Vector3<f64>; 2],
     /// How far the noise differs from pixel to pixel, so that smoothing takes it out.
     pub independence: Independence,
+    /// What windows leave of it.
+    pub shares: Shares,
     /// Largest standard uncertainty of the inverse depth after smoothing, 1/mm.
     pub max_sigma: f64,
 }
@@ -122,6 +125,7 @@ impl<'a> View<'a> {
             axes: [axis_of_pitch(Vector3::z(), pitch); 2],
             max_sigma: f64::INFINITY,
             independence: Independence::WHOLE,
+            shares: Shares::new([0.0; 2]),
         }
     }
 }

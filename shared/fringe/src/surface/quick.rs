@@ -8,7 +8,7 @@ use super::limb::FRONTAL_COSINE2;
 use super::normals::MAX_SLOPE_NOISE;
 use super::point::{STEEP_ERROR, STEEP_SHARE, Sample, View};
 use super::raster::Raster;
-use super::shares::{share_left, shared};
+use super::shares::shared;
 use super::windows::{Block, Broken, Columns, HALF, LANES, Lanes, fits, taken};
 use nalgebra::Vector3;
 
@@ -104,7 +104,7 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
 
         let q = fits.smooth[l];
         let filled = view.filled_at([x, y], q, [gx, gy]);
-        let left = shared(share_left(HALF, own[l], filled), view.independence.share);
+        let left = shared(view.shares.left(HALF, own[l], filled), view.independence.share);
         let single = (sigma[l] * left.sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
         let whole = columns[0][l + HALF];
@@ -215,7 +215,7 @@ pub(super) fn smoothed(
         (max_step, view.pitch),
     );
     for l in 0..LANES {
-        let left = shared(share_left(HALF, of_own[l], filled[l]), view.independence.share);
+        let left = shared(view.shares.left(HALF, of_own[l], filled[l]), view.independence.share);
         single[l] = (sigma[l] * left.sqrt()) as f32;
     }
     (fits.smooth, single)
@@ -227,7 +227,7 @@ mod tests {
     use super::super::independence::Independence;
     use super::super::normals::Link;
     use super::super::point::axis_of_pitch;
-    use super::super::{Cause, SurfaceSettings};
+    use super::super::{Cause, Shares, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
     use crate::rectify::Directions;
@@ -283,6 +283,7 @@ mod tests {
             other_mm: Vector3::new(150.0, 0.0, 0.0),
             axes: [[0.1, 0.0, 1.0], [-0.2, 0.05, 0.9]].map(|axis| axis_of_pitch(Vector3::from(axis), PITCH)),
             independence: Independence { share: 0.9, interpolated: false },
+            shares: Shares::new([0.3, 0.2]),
             max_sigma: 1e-7,
         };
         let (settings, gaps) = (SurfaceSettings::default(), vec![0; samples.len()]);

@@ -12,9 +12,8 @@ use super::normals::Link;
 use super::point::{Sample, View};
 use super::raster::Raster;
 use super::rim::DROPPED;
-use super::shares::{MAX_HALF, OWN_SHARE, other_left, share_left, shared};
+use super::shares::{OWN_SHARE, shared};
 use nalgebra::{Matrix6, Vector6};
-use std::sync::LazyLock;
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
 pub(super) const MAX_NOISE: f64 = 1.5;
@@ -44,12 +43,14 @@ pub(super) fn smoothed(
         if let Some((inverse_depth, slopes)) = value {
             let own = f64::from(samples.own_shares[pixel]);
             let filled = view.filled(pixel, inverse_depth, slopes);
-            let left = shared(share_left(half, own, filled), view.independence.share);
+            let left = shared(view.shares.left(half, own, filled), view.independence.share);
             let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
             return (Sample { inverse_depth, sigma, ..samples.at(pixel) }, half);
         }
     }
-    (samples.at(pixel), 0)
+    let sample = samples.at(pixel);
+    let left = shared(view.shares.left(0, f64::from(sample.own_share), 0.0), view.independence.share);
+    (Sample { sigma: (f64::from(sample.sigma) * left.sqrt()) as f32, ..sample }, 0)
 }
 
 /// Fewer samples of a window do not make a quadratic; of the smallest one may be missing.
@@ -82,17 +83,14 @@ pub(super) fn smoothed_partly(
         let (inverse_depth, slopes, own) = fit.solve((&samples.at(pixel), pitch), half)?;
         let extra = own / OWN_SHARE[half];
         let independent = f64::from(samples.own_shares[pixel]);
-        let other = other_left(half, view.filled(pixel, inverse_depth, slopes));
-        let left = independent * own + (1.0 - independent) * (other * extra).min(1.0);
+        let other = view.shares.other_left(half, view.filled(pixel, inverse_depth, slopes));
+        let left = independent * view.shares.own_left(half) * extra
+            + (1.0 - independent) * (other * extra).min(view.shares.other_left(0, 0.0));
         let left = shared(left, view.independence.share);
         let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
         (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples.at(pixel) })
     })
 }
-
-/// The inverses of [`whole`] by half widths: most windows that are tried lack no sample, but are rough.
-static WHOLE_INVERSES: LazyLock<[Option<Matrix6<f64>>; MAX_HALF + 1]> =
-    LazyLock::new(|| std::array::from_fn(|half| Some(whole(half).cholesky()?.inverse())));
 
 /// Normal equations of a quadratic over part of a window.
 struct Partial {
@@ -117,7 +115,7 @@ pub(super) fn whole(half: usize) -> Matrix6<f64> {
 }
 
 impl Partial {
-    /// The samples on the surface of the middle one; `None` where another surface or more than gaps lies in the window.
+    /// The samples on the surface of the middle one; `None` where none is missing, or another surface or more than gaps lies in the window.
     fn gather(
         (width, half): (usize, usize),
         samples: &Raster,
@@ -137,7 +135,8 @@ impl Partial {
                 (missing, lopsided) = (missing + 1, lopsided || *gap == DROPPED);
             }
         }
-        if missing > most_missing(half) {
+        // A whole one has been tried, and is rough.
+        if missing == 0 || missing > most_missing(half) {
             return None;
         }
         let centre = &samples.at(pixel);
@@ -168,14 +167,8 @@ impl Partial {
     /// Inverse depth at the middle, its derivatives and the share of independent noise that is left; `None` where the samples are rougher
     /// than noise and one smooth surface explain.
     fn solve(&self, (centre, pitch): (&Sample, f64), half: usize) -> Option<(f64, [f64; 2], f64)> {
-        let side = (2 * half + 1) as f64;
-        let (fit, own) = if self.count == side * side {
-            let inverse = WHOLE_INVERSES[half]?;
-            (inverse * self.moments, inverse[(0, 0)])
-        } else {
-            let factors = self.normal.cholesky()?;
-            (factors.solve(&self.moments), factors.solve(&Vector6::x())[0])
-        };
+        let factors = self.normal.cholesky()?;
+        let (fit, own) = (factors.solve(&self.moments), factors.solve(&Vector6::x())[0]);
         let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
         let noise = MAX_NOISE * f64::from(centre.sigma);
         let slope2 = fit[1] * fit[1] + fit[2] * fit[2];
@@ -205,6 +198,9 @@ fn middle<const HALF: usize>(
     pixel: usize,
     max_step: f64,
 ) -> Option<(f64, [f64; 2])> {
+    if !samples.has_corners(width, pixel, HALF) {
+        return None;
+    }
     let centre = &samples.at(pixel);
     let side = (2 * HALF + 1) as f64;
     let mean_square = (HALF * (HALF + 1)) as f64 / 3.0;
@@ -265,6 +261,7 @@ fn middle<const HALF: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::shares::MAX_HALF;
     use super::*;
     use crate::rectify::Directions;
 
