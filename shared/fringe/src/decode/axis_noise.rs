@@ -107,7 +107,7 @@ impl Decoder {
         let (repair, motion) = dirt::inspect(&samples);
         self.motions[slot] = motion;
         if let Some(repair) = repair {
-            self.sums[slot].refit(&repair.fit);
+            self.sums[slot].refit(&repair.fit, repair.steadied);
             self.findings[slot] = repair.findings;
         }
     }

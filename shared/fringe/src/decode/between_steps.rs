@@ -43,20 +43,54 @@ pub(super) fn between_steps(samples: &Samples, light: &Steadied) -> Option<StepM
     if !plan.even || !(LEAST_STEPS..=MAX_STEPS).contains(&steps) {
         return None;
     }
-    let mut unit = [(0.0, 0.0); MAX_STEPS];
-    for (unit, shift) in unit.iter_mut().zip(&plan.shifts_rad) {
+    let rarity = rarity(samples, light)?;
+    let mut sums = LaneSums::ZERO;
+    vectorised!(samples.level(), sums.fill(samples, light, &rarity));
+    sums.joined().solve(plan, light.left)
+}
+
+/// Sines and cosines of the steps.
+fn units(plan: &SinePlan) -> Units {
+    let mut units = [(0.0, 0.0); MAX_STEPS];
+    for (unit, shift) in units.iter_mut().zip(&plan.shifts_rad) {
         *unit = sincos(*shift);
     }
-    let mut counts = [0.0; BINS];
+    units
+}
+
+/// How rare the phases of the pixels are, so that whole fringes count alike.
+pub(super) struct Rarity {
+    unit: Units,
+    weights: [f64; BINS],
+}
+
+/// That of the pixels; `None` where hardly one has some phase.
+pub(super) fn rarity(samples: &Samples, light: &Steadied) -> Option<Rarity> {
+    let (unit, mut counts) = (units(samples.plan()), [0.0; BINS]);
     vectorised!(samples.level(), count(samples, light, &unit, &mut counts));
     if counts.iter().any(|count| *count < LEAST_IN_BIN) {
         return None;
     }
     let mean = counts.iter().sum::<f64>() / BINS as f64;
-    let weights = counts.map(|count| mean / count);
-    let mut sums = LaneSums::ZERO;
-    vectorised!(samples.level(), sums.fill(samples, light, (&unit, &weights)));
-    sums.joined().solve(plan, light.left)
+    Some(Rarity { unit, weights: counts.map(|count| mean / count) })
+}
+
+impl Rarity {
+    /// Weights of the pixels of a group, of so many.
+    #[inline(always)]
+    pub(super) fn weights(&self, (count, mean_dn, rows): (usize, &Side, &[Side])) -> Side {
+        let [_, c, s] = fringe(mean_dn, rows, &self.unit);
+        self.of_phases(count, &c, &s)
+    }
+
+    #[inline(always)]
+    fn of_phases(&self, count: usize, c: &Side, s: &Side) -> Side {
+        let mut weights = [0.0; SIDE];
+        for (weight, bin) in weights.iter_mut().zip(&bins(c, s)[..count]) {
+            *weight = self.weights[*bin as usize];
+        }
+        weights
+    }
 }
 
 /// Counts the pixels by their phase.
@@ -123,15 +157,13 @@ impl LaneSums {
 
     /// Adds all pixels, each by the weight of its bin.
     #[inline(always)]
-    fn fill(&mut self, samples: &Samples, light: &Steadied, (unit, weights): (&Units, &[f64; BINS])) {
+    fn fill(&mut self, samples: &Samples, light: &Steadied, rarity: &Rarity) {
+        let unit = &rarity.unit;
         let mut steady = [[0.0; SIDE]; MAX_STEPS];
         for (chosen, mean_dn, rows) in samples.groups() {
             let rows = light.steady(rows, &mut steady);
             let [a, c, s] = fringe(mean_dn, rows, unit);
-            let mut weight = [0.0; SIDE];
-            for (weight, bin) in weight.iter_mut().zip(&bins(&c, &s)[..chosen.len()]) {
-                *weight = weights[*bin as usize];
-            }
+            let weight = rarity.of_phases(chosen.len(), &c, &s);
             for l in 0..SIDE {
                 let w = weight[l];
                 self.power[0][l] += w * (c[l] * c[l] + s[l] * s[l]);
@@ -188,7 +220,7 @@ fn beside_the_pixel(is_same: bool, apart_rad: f64, steps: f64) -> f64 {
 }
 
 /// Rows and columns of the steps.
-type Square = [Steps; MAX_STEPS];
+pub(super) type Square = [Steps; MAX_STEPS];
 
 /// Light of a frame that differs by more, as a part of it, is told as flicker.
 const MOST_FLICKER: f64 = 0.1;
@@ -279,7 +311,7 @@ impl Sums {
 }
 
 /// The Cholesky factor of the first n rows, in place.
-fn lower(matrix: &mut Square, n: usize) -> Option<&Square> {
+pub(super) fn lower(matrix: &mut Square, n: usize) -> Option<&Square> {
     for j in 0..n {
         for i in j..n {
             let product: f64 = (0..j).map(|k| matrix[i][k] * matrix[j][k]).sum();
@@ -297,7 +329,7 @@ fn lower(matrix: &mut Square, n: usize) -> Option<&Square> {
     Some(matrix)
 }
 
-fn solved(lower: &Square, n: usize, right: &Steps) -> Steps {
+pub(super) fn solved(lower: &Square, n: usize, right: &Steps) -> Steps {
     let mut x = *right;
     for i in 0..n {
         let product: f64 = (0..i).map(|k| lower[i][k] * x[k]).sum();

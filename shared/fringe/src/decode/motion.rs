@@ -78,6 +78,11 @@ pub struct Motion {
 }
 
 impl StepMotion {
+    /// Whether the shifts are more than the noise, and more than this, root mean square.
+    pub(super) fn is_beyond(&self, rad: f64) -> bool {
+        self.certain && self.rms_rad > rad
+    }
+
     /// Of the frames of even steps. `left` of the light's changes, over the level, may be in the frames: each shifts the fringes of its frame by some as much.
     pub(super) fn of_shifts(plan: &SinePlan, shifts: &Shifts, left: f64) -> Self {
         let steps = shifts.rad.len();
@@ -192,7 +197,7 @@ impl Decoder {
     pub(super) fn take_ripple(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
         let plan = &self.plan.axes[home];
         let Some((slot, motion)) = plan.sines.first().zip(motion) else { return };
-        let even = plan.chain.is_some() && !plan.fused && self.sums[*slot].are_even_steps();
+        let even = plan.chain.is_some() && !plan.fused && self.sums[*slot].are_nearly_even_steps();
         let Some(steps) = self.motions[*slot].filter(|steps| even && steps.certain) else { return };
         let [along, across] = steps.twice_rad;
         if (along * along + across * across).sqrt() < LEAST_RIPPLE * motion.sigma_rad {

@@ -1,6 +1,7 @@
 //! The residuals of one sine set in the probed pixels: samples of the noise, and what the sine model leaves.
 
 use super::block::state;
+use super::dirt::Steadied;
 use super::limits::MAX_STEPS;
 use super::noise_estimate::{FEWEST_STEPS, LEAST_STEPS, Probe, SAMPLES, Unexplained};
 use super::noise_line::Sample;
@@ -68,7 +69,7 @@ impl Probe {
         if spectrum.steps < FEWEST_STEPS || !spectrum.even || sums.rasters().len() != spectrum.steps {
             return;
         }
-        vectorised!(limits.level, self.close(index, limits, sums.are_lines()));
+        vectorised!(limits.level, self.close(index, limits, (sums.are_lines(), sums.steadied.as_ref())));
     }
 
     /// Chooses positions by the number of their frames that are black; none of them may be clipped.
@@ -97,7 +98,7 @@ impl Probe {
     }
 
     #[inline(always)]
-    fn close(&mut self, index: usize, limits: ProbeLimits, lines: bool) {
+    fn close(&mut self, index: usize, limits: ProbeLimits, (lines, light): (bool, Option<&Steadied>)) {
         let steps = self.spectra[index].steps;
         self.choose(steps, 0, limits.clipped_dn);
         let every = (self.chosen.len() / SAMPLES).max(1);
@@ -110,7 +111,7 @@ impl Probe {
         let spectrum = &self.spectra[index];
         let width = spectrum.columns();
         for (group, columns) in self.chosen.chunks(SIDE).zip(self.columns.chunks_exact_mut(width)) {
-            transform(spectrum, &self.frames, self.positions.len(), group, columns);
+            transform(spectrum, (&self.frames, light), self.positions.len(), group, columns);
         }
         let first = self.samples.len();
         self.coherent.1.fill(0.0);
@@ -128,7 +129,7 @@ impl Probe {
             if round == 2 {
                 let variance_dn2: f64 = self.samples[first..].iter().map(|s| s.variance_dn2).sum();
                 let count = self.samples.len() - first;
-                let black = self.blackened(index, limits);
+                let black = self.blackened(index, limits, light);
                 let unexplained = if steps < LEAST_STEPS || lines {
                     &mut self.unexplained_of_four
                 } else {
@@ -184,13 +185,13 @@ impl Probe {
     /// whole frame that stayed black (a trigger that was lost) hides in them; a sine that touches black leaves next to
     /// nothing there.
     #[inline(always)]
-    fn blackened(&mut self, index: usize, limits: ProbeLimits) -> Unexplained {
+    fn blackened(&mut self, index: usize, limits: ProbeLimits, light: Option<&Steadied>) -> Unexplained {
         self.choose(self.spectra[index].steps, 1, limits.clipped_dn);
         let spectrum = &self.spectra[index];
         let mut sums = Unexplained::default();
         let columns = &mut self.columns[..spectrum.columns()];
         for group in self.chosen.chunks(SIDE) {
-            transform(spectrum, &self.frames, self.positions.len(), group, columns);
+            transform(spectrum, (&self.frames, light), self.positions.len(), group, columns);
             let rest = spectrum.residual(columns, &self.coherent.1);
             for l in 0..group.len() {
                 let modulation_dn = columns[1][l];
@@ -207,13 +208,22 @@ impl Probe {
 
 /// The columns of up to [`SIDE`] probed pixels; `frames` holds `count` values for each step.
 #[inline(always)]
-fn transform(spectrum: &Spectrum, frames: &[u16], count: usize, group: &[u32], columns: &mut [Side]) {
+fn transform(
+    spectrum: &Spectrum,
+    (frames, light): (&[u16], Option<&Steadied>),
+    count: usize,
+    group: &[u32],
+    columns: &mut [Side],
+) {
     let mut stacks = [[0.0; SIDE]; MAX_STEPS];
     for (step, values) in stacks[..spectrum.steps].iter_mut().enumerate() {
         let frame = &frames[step * count..(step + 1) * count];
         for (value, place) in values.iter_mut().zip(group) {
             *value = f64::from(frame[*place as usize]);
         }
+    }
+    if let Some(light) = light {
+        light.unscale(&mut stacks[..spectrum.steps]);
     }
     spectrum.transform(&stacks[..spectrum.steps], columns);
 }

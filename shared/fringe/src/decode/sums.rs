@@ -1,6 +1,7 @@
 //! From the frames of a sine set to three sums per pixel, block by block.
 
 use super::block::BLOCK;
+use super::dirt::Steadied;
 use super::noise_model::{NoiseModel, NoiseSource};
 use super::rasters::{Part, Rasters};
 use super::roles::{SineKind, SinePlan};
@@ -41,6 +42,8 @@ pub struct Sums {
     pub(super) weights: Vec<[f32; 3]>,
     /// The fit of uneven steps; none for even ones.
     pub uneven: Option<LeastSquares>,
+    /// What takes a slight change of the light out of the frames.
+    pub(super) steadied: Option<Steadied>,
     /// What another method found; none where the sums are those of the frames.
     pub replaced: Option<Replaced>,
     /// Steps from a frame to the one half a turn on, whose weights are the opposite ones; none where not every frame has one.
@@ -91,17 +94,21 @@ impl Sums {
         let paired = plan.even && carrier.is_empty() && weights.len().is_multiple_of(2);
         let half_turn = paired.then_some(weights.len() / 2);
         let (first, kind) = (plan.first, plan.kind);
-        Self { first, weights, uneven, replaced: None, half_turn, kind, shifts_rad, carrier }
+        Self { first, weights, uneven, steadied: None, replaced: None, half_turn, kind, shifts_rad, carrier }
     }
 
-    /// Replaces the weights of the frames by those of a fit.
-    pub fn refit(&mut self, fit: &LeastSquares) {
+    /// Replaces the weights of the frames by those of a fit, under a light that changes slightly or in some other way.
+    pub fn refit(&mut self, fit: &LeastSquares, steadied: Option<Steadied>) {
         let n = fit.weights.len() as f64;
         let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
         self.weights = fit.weights.iter().map(scaled).collect();
         self.uneven = Some(fit.clone());
         self.half_turn = None;
-        self.shifts_rad.clear();
+        // Under a light that changes slightly, the steps are those of the plan.
+        if steadied.is_none() {
+            self.shifts_rad.clear();
+        }
+        self.steadied = steadied;
     }
 
     /// Stored rasters of the steps.
@@ -117,6 +124,11 @@ impl Sums {
     /// Whether the sums are those of plain sines at even steps.
     pub fn are_even_steps(&self) -> bool {
         self.kind == SineKind::Plain && self.uneven.is_none() && self.replaced.is_none()
+    }
+
+    /// The same, or under a light that changes slightly.
+    pub fn are_nearly_even_steps(&self) -> bool {
+        self.are_even_steps() || self.steadied.is_some()
     }
 
     /// Phase noise for unit noise of a grey value and unit modulation in the direction (cos φ, sin φ), of N steps.

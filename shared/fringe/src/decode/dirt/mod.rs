@@ -8,7 +8,7 @@
 //! What a cos δ or sin δ in the level does cannot be seen in one pixel: it looks like a fringe. But it is one that stands still while the phase runs
 //! on: the modulation then varies once with the phase. Where there are too few fringes to see that, it is left alone.
 //!
-//! A changing light is normalised: the columns found replace the nominal ones; so are the steps where the fringes moved (`moved_steps`). A bad frame is left out where three remain; with more than one in
+//! A changing light is normalised: the columns found replace the nominal ones, without a word where it changes by little (`slight`); so are the steps where the fringes moved (`moved_steps`). A bad frame is left out where three remain; with more than one in
 //! eight the frames do not follow the sequence, and nothing is changed. Of three or four frames a pixel alone does not tell which one is bad;
 //! there whole fringes tell it (`moments`).
 
@@ -19,6 +19,7 @@ mod moments;
 mod moved_steps;
 mod rows;
 mod samples;
+mod slight;
 mod steadied;
 mod subspace;
 
@@ -34,6 +35,9 @@ pub(super) use steadied::Steadied;
 
 /// One bad frame in so many is left out; one always may be.
 const BAD_FRAMES: usize = 8;
+/// Fringes that stand off by more, root mean square, lose a thousandth of the contrast of their frames, rad.
+const MOST_SHAKEN_RAD: f64 = 0.05;
+
 /// How a set with faults is decoded.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Repair {
@@ -41,6 +45,8 @@ pub(super) struct Repair {
     pub findings: Vec<Finding>,
     /// Weights of all frames; zero for those left out.
     pub fit: LeastSquares,
+    /// What takes a slight change of the light out of the frames, which then are as good as others.
+    pub steadied: Option<Steadied>,
 }
 
 /// How the fringes moved during the set, and what is done about faults in its frames; no repair where there are none, or too many to do without.
@@ -59,11 +65,11 @@ pub(super) fn inspect(samples: &Samples) -> (Option<Repair>, Option<StepMotion>)
     let without = |findings: Vec<Finding>| {
         let bad =
             |step: usize| findings.iter().any(|found| found.step == Some(step) && !found.is_fatal(steps));
-        (fit(&nominal, steps, bad).map(|fit| Repair { findings, fit }), None)
+        (fit(&nominal, steps, bad).map(|fit| Repair { findings, fit, steadied: None }), None)
     };
     let of_all = |columns: &[Column; 3], fault| {
         let findings = vec![found(None, fault)];
-        fit(columns, steps, |_| false).map(|fit| Repair { findings, fit })
+        fit(columns, steps, |_| false).map(|fit| Repair { findings, fit, steadied: None })
     };
     let unsteady = |moved: &MovedSteps| {
         (of_all(&moved.columns, Fault::Unsteady(moved.deviation_rad)), Some(moved.motion))
@@ -90,7 +96,16 @@ pub(super) fn inspect(samples: &Samples) -> (Option<Repair>, Option<StepMotion>)
     }
     let Some(light) = samples.changing_light(&rows) else { return nothing(&Steadied::NOTHING) };
     if !light.is_fault {
-        return nothing(&light.steadied);
+        let Some(slight) = samples.slight_light(&rows) else { return nothing(&light.steadied) };
+        let motion = between_steps(samples, &slight.steadied);
+        // A large motion changes the contrast of frames, as if their light did.
+        let shakes = motion.is_some_and(|motion| motion.is_beyond(MOST_SHAKEN_RAD));
+        let repair = fit(&slight.columns, steps, |_| false).filter(|_| !shakes).map(|fit| Repair {
+            findings: Vec::new(),
+            fit,
+            steadied: Some(slight.steadied),
+        });
+        return (repair, motion);
     }
     if let Some(moved) = samples.moved_instead(&rows, rows.excess(&light.columns)) {
         return unsteady(&moved);

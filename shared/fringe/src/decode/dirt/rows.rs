@@ -1,7 +1,11 @@
 //! What the columns that all pixels share tell of the frames, and the weights that follow.
 
+// The sums of a set live on the stack: a warm decoder allocates nothing.
+#![allow(clippy::large_stack_arrays)]
+
 use super::columns::{Column, dot, solver, times};
 use super::finding::Fault;
+use crate::decode::between_steps::{lower, solved};
 use crate::decode::limits::MAX_STEPS;
 use crate::wrapped::LeastSquares;
 use nalgebra::{Matrix3, Vector3};
@@ -16,8 +20,10 @@ pub(super) const MOVED_RAD: f64 = 0.3;
 const STRANGE: f64 = 4.0;
 /// … and this share of the level shows something else.
 const STRANGE_LEVEL: f64 = 0.03;
-/// Rounds in which the factors of the frames settle.
-const ROUNDS: usize = 30;
+/// Rounds in which the factors of the frames are found.
+const ROUNDS: usize = 4;
+/// They differ by so much before anything is seen of it, standard deviation.
+const LIKELY: f64 = 0.1;
 
 /// What one row tells of its frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -81,30 +87,54 @@ impl Rows {
         left
     }
 
-    /// Factors of the frames, their mean 1, if each is the nominal one times a factor: what the others predict of a frame, and what it shows.
-    pub(super) fn factors(&self) -> Column {
-        let mut factors = [1.0; MAX_STEPS];
+    /// The light of each frame, if it scales the nominal one; `None` where the frames do not determine that.
+    ///
+    /// With frames (1 + gᵢ) fᵢ, f of the three columns and Q what the columns leave, Σ over the pixels of |Q f g|² is gᵀ (Q ∘ Σ f fᵀ) g: gᵢ solves
+    /// normal equations. A few rounds, with the columns times the factors found, leave nothing of second order.
+    pub(super) fn factors(&self) -> Option<Factors> {
+        let (steps, mut scaled) = (self.steps, [1.0; MAX_STEPS]);
+        let mut of_wave = 0.0;
         for _ in 0..ROUNDS {
-            let Some(weights) = solver(&self.nominal.map(|column| times(&column, &factors)), self.steps)
-            else {
-                return factors;
+            let columns = self.nominal.map(|column| times(&column, &scaled));
+            let weights = solver(&columns, steps)?;
+            // Pᵢⱼ = Σₖ column · weight predicts frame i by all frames.
+            let predict = |i: usize| -> Column {
+                std::array::from_fn(|j| (0..3).map(|k| columns[k][i] * weights[k][j]).sum())
             };
-            let mut next = factors;
-            for (i, factor) in next[..self.steps].iter_mut().enumerate() {
-                // J = Σ nominal · weights · I predicts the frame without its factor.
-                let predict: Column =
-                    std::array::from_fn(|j| (0..3).map(|k| self.nominal[k][i] * weights[k][j]).sum());
-                let mut squares = 0.0;
-                for (share, row) in predict[..self.steps].iter().zip(&self.power) {
-                    squares += share * dot(&predict, row, self.steps);
+            let (mut normal, mut right) = ([[0.0; MAX_STEPS]; MAX_STEPS], [0.0; MAX_STEPS]);
+            for i in 0..steps {
+                let own = predict(i);
+                // Σ fᵢ Iⱼ.
+                let seen: Column = std::array::from_fn(|j| dot(&own, &self.power[j], steps));
+                for j in 0..steps {
+                    let left = f64::from(u8::from(i == j)) - own[j];
+                    right[i] += left * seen[j];
+                    normal[i][j] = left * dot(&predict(j), &seen, steps);
                 }
-                *factor = dot(&predict, &self.power[i], self.steps) / squares.max(f64::MIN_POSITIVE);
             }
-            let mean = next[..self.steps].iter().sum::<f64>() / self.steps as f64;
-            factors = next.map(|factor| factor / mean);
+            // What the frames do not determine, the mean above all, is held near zero. Values are parts of the level, so that a frame's power is about
+            // the number of pixels.
+            let pixels = (0..steps).map(|i| self.power[i][i]).sum::<f64>() / steps as f64;
+            let noise = self.unexplained(&columns) / (pixels * (steps as f64 - 3.0));
+            (0..steps).for_each(|i| normal[i][i] += noise / (LIKELY * LIKELY));
+            let lower = lower(&mut normal, steps)?;
+            let change = solved(lower, steps, &right);
+            scaled.iter_mut().zip(&change).take(steps).for_each(|(factor, change)| *factor *= 1.0 + change);
+            let mean = scaled[..steps].iter().sum::<f64>() / steps as f64;
+            scaled = scaled.map(|factor| factor / mean);
+            let wave = self.nominal[1].map(|cosine| 2.0 / steps as f64 * cosine);
+            of_wave = dot(&wave, &solved(lower, steps, &wave), steps);
         }
-        factors
+        Some(Factors { scaled, of_wave })
     }
+}
+
+/// The light of frames that are scaled by it.
+pub(super) struct Factors {
+    /// Factors of the frames, their mean 1.
+    pub scaled: Column,
+    /// Variance of the wave that looks like a fringe, over that of the noise of a pixel.
+    pub of_wave: f64,
 }
 
 /// Weights of the good frames for three columns; `None` where these frames do not determine them.

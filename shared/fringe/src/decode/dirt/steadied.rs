@@ -5,7 +5,7 @@ use crate::decode::limits::MAX_STEPS;
 use crate::decode::spectrum::{SIDE, Side};
 
 /// What takes the changes of the light out of frames whose values are parts of a pixel's mean level.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(in crate::decode) struct Steadied {
     /// A frame counts times this …
     factors: Column,
@@ -30,6 +30,16 @@ impl Steadied {
     /// Of a light that scales the frames by these factors.
     pub fn of_scaled(factors: &Column, deviation: f64) -> Self {
         Self { factors: factors.map(|factor| 1.0 / factor), left: LEFT_OVER * deviation, ..Self::NOTHING }
+    }
+
+    /// Takes what scales the frames out of grey values of some pixels.
+    #[inline(always)]
+    pub fn unscale(&self, frames: &mut [Side]) {
+        for (values, factor) in frames.iter_mut().zip(&self.factors) {
+            for value in values {
+                *value *= factor;
+            }
+        }
     }
 
     /// The frames of some pixels, written into a place for them.

@@ -4,8 +4,7 @@
 #![allow(clippy::large_stack_arrays)]
 
 use super::columns::{Column, dot, nominal_columns, solver, times};
-use super::rows::FrameRow;
-use super::rows::Rows;
+use super::rows::{Factors, FrameRow, Rows};
 use super::samples::Samples;
 use super::steadied::Steadied;
 use crate::decode::limits::MAX_STEPS;
@@ -79,15 +78,19 @@ impl Samples<'_> {
 
     /// Columns near the nominal ones that all pixels share, and what each frame's row tells.
     pub(super) fn rows(&self) -> Option<Rows> {
+        self.rows_of(&vectorised!(self.level, self.power()))
+    }
+
+    /// The same by the products of the frames over the pixels.
+    pub(super) fn rows_of(&self, power: &[Column; MAX_STEPS]) -> Option<Rows> {
         let steps = self.steps();
-        let power = vectorised!(self.level, self.power());
         let nominal = nominal_columns(self.plan);
         let mut basis = nominal;
         orthonormal(&mut basis, steps)?;
         for _ in 0..ROUNDS {
             for column in &mut basis {
                 let old = *column;
-                for (value, row) in column[..steps].iter_mut().zip(&power) {
+                for (value, row) in column[..steps].iter_mut().zip(power) {
                     *value = dot(row, &old, steps);
                 }
             }
@@ -108,15 +111,14 @@ impl Samples<'_> {
         for (frame, row) in frames[..steps].iter_mut().enumerate() {
             *row = self.frame_row(&others.0, frame, &left);
         }
-        Some(Rows { steps, nominal, basis, columns, frames, power })
+        Some(Rows { steps, nominal, basis, columns, frames, power: *power })
     }
 
-    /// How the light changes from frame to frame; `None` where it changes by more than a light does.
-    pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
+    /// Levels of the frames, their mean 1, where light adds to all fringes, and the size of the fringe that stands still in them.
+    pub(super) fn levels(&self, rows: &Rows) -> (Column, f64) {
         let Rows { nominal, columns, .. } = rows;
         let steps = self.steps();
-        let added = [columns[0], nominal[1], nominal[2]];
-        let standing = self.standing(&added);
+        let standing = self.standing(&[columns[0], nominal[1], nominal[2]]);
         let mut levels = columns[0];
         if let Some([c, s]) = standing {
             for (i, level) in levels[..steps].iter_mut().enumerate() {
@@ -125,24 +127,30 @@ impl Samples<'_> {
         }
         let mean = levels[..steps].iter().sum::<f64>() / steps as f64;
         levels[..steps].iter_mut().for_each(|level| *level /= mean);
+        (levels, standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt()))
+    }
+
+    /// How the light changes from frame to frame; `None` where it changes by more than a light does.
+    pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
+        let Rows { nominal, columns, .. } = rows;
+        let steps = self.steps();
+        let added = [columns[0], nominal[1], nominal[2]];
+        let (levels, still) = self.levels(rows);
         let most = levels[..steps].iter().map(|level| (level - 1.0).abs()).fold(0.0, f64::max);
-        let still = standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt());
         if most > MOST_FLICKER {
             return None;
         }
         // Room light adds to all fringes, an exposure scales them: what leaves less is taken.
         let mut best = ([levels, nominal[1], nominal[2]], levels);
         let mut of_levels: fn(&Column, f64) -> Steadied = Steadied::of_added;
-        if steps > 4 {
-            let factors = rows.factors();
+        if let Some(Factors { scaled: factors, .. }) = (steps > 4).then(|| rows.factors()).flatten() {
             let scaled = rows.nominal.map(|column| times(&column, &factors));
             if rows.unexplained(&scaled) < rows.unexplained(&added) {
                 best = (scaled, factors);
                 of_levels = Steadied::of_scaled;
             }
         }
-        let variance = best.1[..steps].iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
-        let deviation = (variance / (steps as f64 - 1.0)).sqrt();
+        let deviation = deviation(&best.1[..steps]);
         let is_fault = still > STANDING_FLICKER || most > FLICKER;
         Some(ChangingLight { columns: best.0, deviation, steadied: of_levels(&best.1, deviation), is_fault })
     }
@@ -258,6 +266,12 @@ impl Samples<'_> {
             usual: usual(&|i| left[i]),
         }
     }
+}
+
+/// Standard deviation of levels whose mean is 1.
+pub(super) fn deviation(levels: &[f64]) -> f64 {
+    let variance = levels.iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
+    (variance / (levels.len() as f64 - 1.0)).sqrt()
 }
 
 /// A, C and S of the pixels of a group.

@@ -233,6 +233,36 @@ fn a_light_that_changes_is_no_motion_and_hides_none() {
     }
 }
 
+/// Lamps and exposures that change by less than is told of: what they leave shifts no phase, and passes for no noise.
+#[test]
+fn a_slight_change_of_the_lamp_shifts_no_phase_and_is_no_noise() {
+    let told = |steps: usize, light: &dyn Fn(usize) -> f64| {
+        let (report, off_rad) = Shown { steps, light, ..AT_REST }.decoded().unwrap();
+        assert!(report.findings.is_empty(), "{:?}", report.findings);
+        (report.motion.unwrap().sigma_rad, off_rad)
+    };
+    for steps in [5, 8, 10] {
+        let (sigma_rad, still_rad) = told(steps, &|_| 1.0);
+        let wave = |frame: usize| TAU * frame as f64 / steps as f64;
+        let cases: [(&str, &dyn Fn(usize) -> f64); 5] = [
+            ("fades", &|frame| 1.0 - 0.05 * frame as f64 / steps as f64),
+            ("one exposure", &|frame| if frame == 3 { 1.04 } else { 1.0 }),
+            ("every other exposure", &|frame| 1.0 - 0.03 * (frame % 2) as f64),
+            ("one wave", &|frame| 1.0 + 0.02 * cos(wave(frame) + 1.0)),
+            ("two waves", &|frame| 1.0 + 0.02 * cos(2.0 * wave(frame))),
+        ];
+        for (name, light) in cases {
+            let (found_rad, off_rad) = told(steps, light);
+            let case = format!(
+                "{name}, {steps} steps: {off_rad} of {still_rad} rad, sigma {found_rad} of {sigma_rad}"
+            );
+            // Less light leaves more noise in a phase. Left in the frames, the change would make sigma 1.4 times as large.
+            assert!((off_rad / still_rad - 1.0).abs() < 0.03, "{case}");
+            assert!((0.8..1.2).contains(&(found_rad / sigma_rad)), "{case}");
+        }
+    }
+}
+
 /// A step is not extrapolated, and frames that stand anywhere make no drift.
 #[test]
 fn a_step_is_as_large_as_it_is_and_scattered_frames_do_not_drift() {
