@@ -220,7 +220,7 @@ fn beside_the_pixel(is_same: bool, apart_rad: f64, steps: f64) -> f64 {
 }
 
 /// Rows and columns of the steps.
-pub(super) type Square = [Steps; MAX_STEPS];
+type Square = [Steps; MAX_STEPS];
 
 /// Light of a frame that differs by more, as a part of it, is told as flicker.
 const MOST_FLICKER: f64 = 0.1;

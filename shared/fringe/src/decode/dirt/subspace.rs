@@ -114,11 +114,12 @@ impl Samples<'_> {
         Some(Rows { steps, nominal, basis, columns, frames, power: *power })
     }
 
-    /// Levels of the frames, their mean 1, where light adds to all fringes, and the size of the fringe that stands still in them.
-    pub(super) fn levels(&self, rows: &Rows) -> (Column, f64) {
+    /// How the light changes from frame to frame; `None` where it changes by more than a light does.
+    pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
         let Rows { nominal, columns, .. } = rows;
         let steps = self.steps();
-        let standing = self.standing(&[columns[0], nominal[1], nominal[2]]);
+        let added = [columns[0], nominal[1], nominal[2]];
+        let standing = self.standing(&added);
         let mut levels = columns[0];
         if let Some([c, s]) = standing {
             for (i, level) in levels[..steps].iter_mut().enumerate() {
@@ -127,16 +128,8 @@ impl Samples<'_> {
         }
         let mean = levels[..steps].iter().sum::<f64>() / steps as f64;
         levels[..steps].iter_mut().for_each(|level| *level /= mean);
-        (levels, standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt()))
-    }
-
-    /// How the light changes from frame to frame; `None` where it changes by more than a light does.
-    pub(super) fn changing_light(&self, rows: &Rows) -> Option<ChangingLight> {
-        let Rows { nominal, columns, .. } = rows;
-        let steps = self.steps();
-        let added = [columns[0], nominal[1], nominal[2]];
-        let (levels, still) = self.levels(rows);
         let most = levels[..steps].iter().map(|level| (level - 1.0).abs()).fold(0.0, f64::max);
+        let still = standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt());
         if most > MOST_FLICKER {
             return None;
         }
