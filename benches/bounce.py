@@ -125,6 +125,39 @@ def false_alarms(args, here, rig, part, ideal, told):
     return ((told[2] > 1.001 * u) & right).sum() / np.isfinite(u).sum()
 
 
+def judged(part, found, rays, limit, disagreeing=None, alarms=""):
+    """Prints what bounce did to the points; `found` has planes by: without noise or not, rays of the bounce (0: none), `max_bounce_rad`."""
+    ideal = found[True, 0, 0.0]
+    rms = {}
+    for bounce in (0, rays):
+        for tested in (0.0, limit):
+            far, cosine, u = found[False, bounce, tested]
+            error = (far - ideal[0]) * cosine
+            error, u = error[np.isfinite(error)], u[np.isfinite(error)]
+            # Wrong orders and edges, beyond a millimetre, count as wrong, but not in the root mean square.
+            rms[bounce, tested] = 1e3 * np.sqrt(np.mean(error[abs(error) < 1] ** 2))
+            wrong = 100 * np.mean(abs(error) > 3 * u)
+            pairs = f", {100 * disagreeing[False, bounce, tested] / np.isfinite(far).sum():.2f}" if disagreeing else ""
+            print(f"{part}, {bounce} rays, {tested}: {np.isfinite(far).sum()}, {rms[bounce, tested]:.1f}, {wrong:.2f}, {1e3 * np.median(u):.1f}{pairs}")
+    by_bounce = [np.sqrt(max(rms[rays, l] ** 2 - rms[0, l] ** 2, 0.0)) for l in (0.0, limit)]
+    # What bounce does without noise, over the uncertainty stated where the test is off.
+    moved = (found[True, rays, 0.0][0] - ideal[0]) * ideal[1]
+    plain, tested = found[False, rays, 0.0], found[False, rays, limit]
+    quiet, quiet_tested = found[False, 0, 0.0][2], found[False, 0, limit][2]
+    known = np.isfinite(moved) & np.isfinite(plain[2]) & np.isfinite(quiet)
+    wrong = known & (abs(moved) > 3 * stated(plain[2], quiet))
+    flagged = ~(tested[2] < 1.1 * stated(tested[2], quiet))
+    there = np.isfinite(quiet)
+    false, lost = (~(quiet_tested < 1.1 * quiet))[there].mean(), np.isnan(quiet_tested[there]).mean()
+    lying = known & (abs(moved) > 3 * tested[2])
+    print(
+        f"{part}: bounce moves points by {by_bounce[0]:.1f} um rms, delivered ones by {by_bounce[1]:.1f} um; of {wrong.sum()} wrong points "
+        f"{100 * (wrong & flagged).sum() / max(wrong.sum(), 1):.1f} % flagged or left out, {100 * (wrong & np.isnan(tested[2])).sum() / max(wrong.sum(), 1):.1f} % left out; "
+        f"{100 * lying.sum() / np.isfinite(tested[2]).sum():.2f} % of the delivered ones moved by more than 3 u; of the others "
+        f"{100 * (known & ~wrong & flagged).sum() / max((known & ~wrong).sum(), 1):.1f} % flagged; without bounce {100 * false:.2f} % of the points flagged or left out, {100 * lost:.2f} % left out{alarms}"
+    )
+
+
 def main():
     parser = arguments(__doc__)
     parser.add_argument("--rays", type=int, default=64)
@@ -159,35 +192,8 @@ def main():
                     found[clean, rays, limit] = planes(views(ply, rig))
                     with open(told) as file:
                         disagreeing[clean, rays, limit] = json.load(file)["fusion"]["disagreeing"]
-        ideal = found[True, 0, 0.0]
-        rms = {}
-        for rays in (0, args.rays):
-            for limit in (0.0, args.limit):
-                far, cosine, u = found[False, rays, limit]
-                error = (far - ideal[0]) * cosine
-                error, u = error[np.isfinite(error)], u[np.isfinite(error)]
-                # Wrong orders and edges, beyond a millimetre, count as wrong, but not in the root mean square.
-                rms[rays, limit] = 1e3 * np.sqrt(np.mean(error[abs(error) < 1] ** 2))
-                wrong = 100 * np.mean(abs(error) > 3 * u)
-                print(f"{part}, {rays} rays, {limit}: {np.isfinite(far).sum()}, {rms[rays, limit]:.1f}, {wrong:.2f}, {1e3 * np.median(u):.1f}, {100 * disagreeing[False, rays, limit] / np.isfinite(far).sum():.2f}")
-        by_bounce = [np.sqrt(max(rms[args.rays, l] ** 2 - rms[0, l] ** 2, 0.0)) for l in (0.0, args.limit)]
-        # What bounce does without noise, over the uncertainty stated where the test is off.
-        moved = (found[True, args.rays, 0.0][0] - ideal[0]) * ideal[1]
-        plain, tested = found[False, args.rays, 0.0], found[False, args.rays, args.limit]
-        quiet, quiet_tested = found[False, 0, 0.0][2], found[False, 0, args.limit][2]
-        known = np.isfinite(moved) & np.isfinite(plain[2]) & np.isfinite(quiet)
-        wrong = known & (abs(moved) > 3 * stated(plain[2], quiet))
-        flagged = ~(tested[2] < 1.1 * stated(tested[2], quiet))
-        there = np.isfinite(quiet)
-        false, lost = (~(quiet_tested < 1.1 * quiet))[there].mean(), np.isnan(quiet_tested[there]).mean()
-        alarms = false_alarms(args, here, rig, part, ideal, found[False, 0, args.limit])
-        lying = known & (abs(moved) > 3 * tested[2])
-        print(
-            f"{part}: bounce moves points by {by_bounce[0]:.1f} um rms, delivered ones by {by_bounce[1]:.1f} um; of {wrong.sum()} wrong points "
-            f"{100 * (wrong & flagged).sum() / max(wrong.sum(), 1):.1f} % flagged or left out, {100 * (wrong & np.isnan(tested[2])).sum() / max(wrong.sum(), 1):.1f} % left out; "
-            f"{100 * lying.sum() / np.isfinite(tested[2]).sum():.2f} % of the delivered ones moved by more than 3 u; of the others "
-            f"{100 * (known & ~wrong & flagged).sum() / max((known & ~wrong).sum(), 1):.1f} % flagged; without bounce {100 * false:.2f} % of the points flagged or left out, {100 * lost:.2f} % left out, {100 * alarms:.2f} % falsely where pairs disagree"
-        )
+        falsely = false_alarms(args, here, rig, part, found[True, 0, 0.0], found[False, 0, args.limit])
+        judged(part, found, args.rays, args.limit, disagreeing, f", {100 * falsely:.2f} % falsely where pairs disagree")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 use super::Phases;
 use crate::sensor::Footprint;
-use crate::surface::{OTHER, OWN, SurfaceBuilder, mark_limbs, mark_missing, mark_rims, reach_px};
+use crate::surface::{OTHER, OWN, Reach, SurfaceBuilder, mark_limbs, mark_missing, mark_rims, reach_px};
 
 /// Marks of the pixels of both views, and the memory behind them.
 #[derive(Debug, Clone)]
@@ -10,7 +10,7 @@ pub(super) struct Ends {
     widths: [usize; 2],
     /// How far a limb shifts points in the left and in the right picture, px.
     reach_px: [f64; 2],
-    /// [`OWN`] where the left surface ends within the reach of a limb.
+    /// [`OWN`] where the left surface ends within the reach of a limb; shifted where it bends.
     pub left: Vec<u8>,
     /// [`crate::surface::RIM`] where the right surface ends within `surface.edge_px`, [`OTHER`] where within the reach of a limb.
     pub right: Vec<u8>,
@@ -38,22 +38,31 @@ impl Ends {
         self.reach_px = footprints.map(reach_px);
     }
 
-    /// Marks both pictures; rims of the right one are `edge` pixels wide. `lent`: the scratch memory of the surface builder.
-    pub fn mark(&mut self, phases: Phases, edge: usize, max_step: f32, lent: &mut [u8]) {
+    /// Marks both pictures, whose phases have these uncertainties; rims are `edge` pixels wide. `lent`: the scratch memory of the surface builder.
+    pub fn mark(
+        &mut self,
+        phases: Phases,
+        sigmas: [&[f32]; 2],
+        (edge, max_step): (usize, f32),
+        lent: &mut [u8],
+    ) {
         let Self { widths, reach_px, left, right, spare } = self;
         // What is missing in a picture, and its borders.
         let scratch = if spare.is_empty() { lent } else { spare };
         let (missing, borders) = scratch.split_at_mut(scratch.len() / 2);
+        let reach = reach_px.map(|limb| Reach { limb, rim: edge });
         let (raster, count) = ((widths[0], phases.left), left.len());
         let (missing_left, borders_left) = (&mut missing[..count], &mut borders[..count]);
         left.fill(0);
         mark_missing(raster, max_step, missing_left);
-        mark_limbs(raster, (reach_px[0], max_step), missing_left, borders_left, (OWN, left));
+        let seen = (widths[0], phases.left, sigmas[0]);
+        mark_limbs(seen, (reach[0], max_step), missing_left, borders_left, (OWN, left));
         let (raster, count) = ((widths[1], phases.right), right.len());
         let (missing, borders) = (&mut missing[..count], &mut borders[..count]);
         mark_missing(raster, max_step, missing);
         mark_rims(widths[1], edge, missing, right);
-        mark_limbs(raster, (reach_px[1], max_step), missing, borders, (OTHER, right));
+        let seen = (widths[1], phases.right, sigmas[1]);
+        mark_limbs(seen, (reach[1], max_step), missing, borders, (OTHER, right));
     }
 
     /// Marks nothing, so that all points stay.

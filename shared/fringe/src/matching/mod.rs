@@ -245,7 +245,8 @@ impl Matcher {
         if edge_px == 0 {
             self.ends.clear();
         } else {
-            self.ends.mark(phases, edge, limits.max_rad, self.surface.scratch());
+            let sigmas = [left.sigma_rad, right.sigma_rad];
+            self.ends.mark(phases, sigmas, (edge, limits.max_rad), self.surface.scratch());
         }
         self.surface.clear();
         let mut report = self.match_rows(left, right, phases, limits);
@@ -260,6 +261,7 @@ impl Matcher {
             pitch: 1.0 / self.pair.focal_px,
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
+            two_pictures: true,
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
             axes: [&self.pair.left, &self.pair.right].map(|c| axis_of(&c.camera, &c.camera_from_rectified)),
             independence,

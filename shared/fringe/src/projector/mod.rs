@@ -24,7 +24,7 @@ use crate::phase::PhaseView;
 use crate::rectify::{Directions, RectifiedCamera};
 use crate::sensor::Footprint;
 use crate::surface::{
-    Cause, Independence, OWN, Sample, Shares, SurfaceBuilder, View, WINDOWS, axis_of, independence,
+    Cause, Independence, OWN, Reach, Sample, Shares, SurfaceBuilder, View, WINDOWS, axis_of, independence,
     mark_limbs, mark_missing, reach_px,
 };
 use nalgebra::Matrix3;
@@ -155,6 +155,7 @@ impl ProjectorMatcher {
                 .to_rotation_matrix()
                 .into_inner(),
             origin_mm: self.camera.centre_mm(),
+            two_pictures: false,
             other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
             axes: [&self.camera, &self.projector].map(|view| {
                 let of_camera = self.camera.camera_from_world.rotation.inverse();
@@ -184,7 +185,8 @@ impl ProjectorMatcher {
             let Some(map) = map.filter(|_| self.settings.surface.edge_px > 0) else { continue };
             let max_step = (MAX_STEP_PX * TAU / map.info.period_px) as f32;
             mark_missing((width, masked), max_step, missing);
-            mark_limbs((width, masked), (self.reach_px, max_step), missing, borders, (OWN, limbs));
+            let (seen, reach) = ((width, &masked[..], map.sigma_rad), Reach { limb: self.reach_px, rim: 0 });
+            mark_limbs(seen, (reach, max_step), missing, borders, (OWN, limbs));
         }
     }
 

@@ -1,11 +1,12 @@
 //! The way from samples to points.
 
 use super::buffers::{PartCount, SurfaceBuilder};
+use super::crease::{self, is_crease};
 use super::normals::{Link, normal, quiet_half};
 use super::point::{Sample, View};
 use super::quick::{Shared, group};
 use super::raster::Raster;
-use super::smooth::{smoothed, smoothed_partly};
+use super::smooth::{alone, smoothed, smoothed_partly};
 use super::windows::{Block, Broken, HALF, LANES};
 use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;
@@ -235,12 +236,27 @@ impl Selector<'_> {
         let largest = if broken.quadratic { HALF - 1 } else { smoothing };
         let (mut sample, window) = smoothed(view, samples, pixel, link.max_step, largest);
         let normal = normal(view, samples, pixel, link, (half, broken.plane));
+        let size = (view.width, view.height);
+        let noise = f64::from(samples.sigmas[pixel]) * self.excess;
+        let mut rough = window >= HALF && is_crease(size, samples, pixel, noise, link);
+        let mut blunt = rough;
         if window < smoothing {
-            sample = smoothed_partly(view, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);
+            let partly = smoothed_partly(view, samples, gaps, pixel, link, (window, smoothing));
+            blunt = partly.is_none();
+            // All samples are there and are not one smooth surface: smaller windows would only hide it.
+            rough = blunt && samples.is_whole(size, pixel, smoothing);
+            sample = partly.unwrap_or(sample);
+        }
+        if rough {
+            sample = alone(view, samples, pixel);
         }
         // Noise of the pixel alone hides what reaches over many.
         if window > 0 || view.independence.share < 1.0 {
             sample.sigma = (f64::from(sample.sigma) * self.excess) as f32;
+        }
+        if blunt {
+            let off = crease::error(size, samples, pixel, link);
+            sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
         }
         let mut steep = false;
         if let Some(normal) = normal {

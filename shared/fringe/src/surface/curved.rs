@@ -27,7 +27,7 @@ const BENDS: [f64; 4] = [0.0, 1.6, 0.048, 0.0058];
 
 /// Noise of the other view is interpolated: what is left of it at the periods of such windows is so much more than of independent samples of its variance
 /// (spectrum of a Gaussian that leaves a mean of the windows' shares in [`super::shares`]).
-const OF_OTHER: f64 = 2.3;
+pub(super) const OF_OTHER: f64 = 2.3;
 
 /// With more depth noise than this, in pixels on the surface, derivatives say less of the curvature than noise hides of it.
 const MOST_NOISE: f64 = 0.5;

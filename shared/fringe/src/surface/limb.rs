@@ -22,8 +22,18 @@ pub(crate) const RIM: u8 = 1;
 pub(crate) const OWN: u8 = 2;
 /// … and of one whose match is in the picture of the other.
 pub(crate) const OTHER: u8 = 4;
-/// What these are shifted by where phases do not end, but bend.
+/// What these are shifted by where phases do not end, but bend …
 const BENT: u32 = 2;
+/// … and where they bend so near that a rim may be there.
+const SPLIT: u32 = 4;
+
+/// Whether a surface ends at a silhouette in one of the pictures where phases jump so little that they only bend, in that picture alone. What both
+/// pictures show is a crease of the part.
+#[inline(always)]
+pub(super) fn ends_here(marks: u8) -> bool {
+    let alone = |own: u8, other: u8| marks & own << SPLIT != 0 && marks & other << BENT == 0;
+    alone(OWN, OTHER) || alone(OTHER, OWN)
+}
 
 /// Half the side of the windows of the derivatives, px.
 const WINDOW_PX: f64 = 2.5;
@@ -82,14 +92,27 @@ pub(crate) fn reach_px(footprint: Option<Footprint>) -> f64 {
 /// behind an edge of the same height, phases neither end nor jump.
 const BEND: f32 = 0.2;
 
+/// Noise of so many standard deviations of a pixel is no bend: 4.1 of a second difference.
+const BEND_SIGMAS: f32 = 10.0;
+
+/// How far borders reach in a picture, px.
+#[derive(Clone, Copy)]
+pub(crate) struct Reach {
+    /// See [`reach_px`].
+    pub limb: f64,
+    /// See [`super::SurfaceSettings::edge_px`]; 0: bends are no rims.
+    pub rim: usize,
+}
+
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
 
-/// Marks the pixels of a raster nearer than `reach_px` to a missing one (`missing` not zero) or to a jump by more than `max_step`, and by the mark shifted by
-/// [`BENT`] those as near to a bend; beyond the picture nothing is missed. `borders` is scratch of the same size.
+/// Marks the pixels of a raster (values and their uncertainties) nearer than the reach of a limb to a missing one (`missing` not zero) or to a jump by more than
+/// `max_step`, and by the mark shifted by [`BENT`] those as near to a bend, by [`SPLIT`] those in the reach of a rim from one; beyond the picture nothing is
+/// missed. `borders` is scratch of the same size.
 pub(crate) fn mark_limbs(
-    (width, values): (usize, &[f32]),
-    (reach_px, max_step): (f64, f32),
+    (width, values, sigmas): (usize, &[f32], &[f32]),
+    (reach, max_step): (Reach, f32),
     missing: &[u8],
     borders: &mut [u8],
     (mark, marks): (u8, &mut [u8]),
@@ -100,12 +123,16 @@ pub(crate) fn mark_limbs(
     let level = best_level();
     let size = (width, values.len() / width);
     borders.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
-        vectorised!(level, border_row(size, (values, missing), (row, max_step), line));
+        vectorised!(level, border_row(size, (values, sigmas, missing), (row, max_step), line));
     });
-    let (disc, borders) = (Disc::new(reach_px), &*borders);
+    // A bend marks the last pixels of both sides.
+    let (disc, rim, borders) = (Disc::new(reach.limb), Disc::new(reach.rim as f64 - 0.5), &*borders);
     marks.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
         vectorised!(level, disc.mark_row(size, (borders, ENDS), row, (mark, line)));
         vectorised!(level, disc.mark_row(size, (borders, BENDS), row, (mark << BENT, line)));
+        if reach.rim > 0 {
+            vectorised!(level, rim.mark_row(size, (borders, BENDS), row, (mark << SPLIT, line)));
+        }
     });
 }
 
@@ -118,7 +145,7 @@ const BENDS: u8 = 2;
 #[inline(always)]
 fn border_row(
     (width, height): (usize, usize),
-    (values, missing): (&[f32], &[u8]),
+    (values, sigmas, missing): (&[f32], &[f32], &[u8]),
     (row, max_step): (usize, f32),
     line: &mut [u8],
 ) {
@@ -143,12 +170,12 @@ fn border_row(
     }
     if row > 0 && row + 1 < height && width > 2 {
         let [above, below] = [row - 1, row + 1].map(|row| &values[row * width + 1..][..width - 2]);
-        let beside = own.windows(3).zip(above.iter().zip(below));
-        for (border, (own, (above, below))) in line[1..width - 1].iter_mut().zip(beside) {
+        let beside = own.windows(3).zip(above.iter().zip(below)).zip(&sigmas[at + 1..]);
+        for (border, ((own, (above, below)), sigma)) in line[1..width - 1].iter_mut().zip(beside) {
             let twice = 2.0 * own[1];
             let bend = (own[0] + own[2] - twice).abs().max((above + below - twice).abs());
             let slope = (own[2] - own[0]).abs() + (below - above).abs();
-            *border |= if bend > BEND * slope { BENDS } else { 0 };
+            *border |= if bend > BEND * slope + BEND_SIGMAS * sigma { BENDS } else { 0 };
         }
     }
 }
@@ -255,7 +282,9 @@ impl Selector<'_> {
             let hidden = marks & mark << BENT != 0 && marks & second << BENT == 0;
             let clear_of = (OWN | second) << BENT;
             let bowl = Way { uphill: false, clear_of, least_radius_px: LEAST_BOWL_PX };
-            (marks & mark != 0 && limb(BALL).is_some_and(|px| px < LIMB_PX))
+            // A ball just before another surface ends in a jump that is no larger than a step of one surface: there phases bend.
+            ((marks & mark != 0 || (hidden && self.view.two_pictures))
+                && limb(BALL).is_some_and(|px| px < LIMB_PX))
                 || (hidden && limb(bowl).is_some_and(|px| px < BOWL_PX))
         })
     }

@@ -53,6 +53,8 @@ pub(crate) struct View<'a> {
     pub pitch: f64,
     pub world_from_sight: Matrix3<f64>,
     pub origin_mm: Point3<f64>,
+    /// Whether the other view has a picture, too: then what bends in one alone is a silhouette.
+    pub two_pictures: bool,
     /// Optical centre of the other view, mm, seen from this one.
     pub other_mm: Vector3<f64>,
     /// Optical axes of this and the other view, seen from this one, each of the length that [`axis_of`] gives it.
@@ -121,6 +123,7 @@ impl<'a> View<'a> {
             pitch,
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
+            two_pictures: true,
             other_mm: Vector3::zeros(),
             axes: [axis_of_pitch(Vector3::z(), pitch); 2],
             max_sigma: f64::INFINITY,

@@ -109,7 +109,9 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
         let after = (f64::from(single) * shared_by.excess) as f32;
         let whole = columns[0][l + HALF];
         let seen = Seen::new(view, [nx, ny, nz], [x, y, q]);
-        out.settled[l] = seen.holds(view, shared_by, [nz, q], [whole, sigma[l], f64::from(after)]);
+        // What bends may be a crease.
+        out.settled[l] =
+            seen.holds(view, shared_by, [nz, q], [whole, sigma[l], f64::from(after)]) & (fits.bent[l] <= 0.0);
         out.turned_away[l] = seen.is_turned_away();
 
         let depth = 1.0 / q;
@@ -280,6 +282,7 @@ mod tests {
             pitch: PITCH,
             world_from_sight: Matrix3::new(cosine, 0.0, sine, 0.0, 1.0, 0.0, -sine, 0.0, cosine),
             origin_mm: Point3::new(3.0, -20.0, 7.0),
+            two_pictures: true,
             other_mm: Vector3::new(150.0, 0.0, 0.0),
             axes: [[0.1, 0.0, 1.0], [-0.2, 0.05, 0.9]].map(|axis| axis_of_pitch(Vector3::from(axis), PITCH)),
             independence: Independence { share: 0.9, interpolated: false },

@@ -109,6 +109,17 @@ impl Raster {
         corners.iter().all(|corner| self.depths[*corner].is_finite())
     }
 
+    /// Whether every sample of a window about a pixel is there, within the picture.
+    pub(super) fn is_whole(&self, (width, height): (usize, usize), pixel: usize, half: usize) -> bool {
+        let (column, row) = (pixel % width, pixel / width);
+        let inside = column >= half && row >= half && column + half < width && row + half < height;
+        inside
+            && (row - half..=row + half).all(|row| {
+                let line = &self.depths[row * width + column - half..][..=2 * half];
+                line.iter().all(|depth| depth.is_finite())
+            })
+    }
+
     /// Takes the samples of a pixel and of those behind it.
     #[inline(always)]
     pub fn put_beside(&mut self, pixel: usize, samples: &Samples) {

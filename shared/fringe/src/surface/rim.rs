@@ -8,6 +8,7 @@ use super::Cause;
 use super::broken::{self, is_readable};
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::gaps::mark_row;
+use super::limb::ends_here;
 use super::normals::Link;
 use super::point::View;
 use super::raster::Raster;
@@ -74,6 +75,9 @@ impl SurfaceBuilder {
                     }
                 };
                 vectorised!(*level, |simd| count_row(simd, size, ends, edge, row, (asked, found)));
+                if view.two_pictures {
+                    count.rims += drop_silhouettes(own, &samples.limbs[row * view.width..], causes);
+                }
             }
         });
         let rows = raster.depths.par_chunks_mut(view.width).zip(keep.par_chunks_mut(view.width));
@@ -84,6 +88,18 @@ impl SurfaceBuilder {
         });
         self.counts.iter().map(|count| count.rims).sum()
     }
+}
+
+/// Drops the samples of a row that lie at a silhouette where phases bend in one picture alone; returns how many that nothing else had dropped.
+fn drop_silhouettes(depths: &[f64], marks: &[u8], causes: &mut [Cause]) -> u32 {
+    let mut dropped = 0;
+    for ((cause, marks), depth) in causes.iter_mut().zip(marks).zip(depths) {
+        if ends_here(*marks) && depth.is_finite() && *cause != Cause::Rim {
+            *cause = Cause::Rim;
+            dropped += 1;
+        }
+    }
+    dropped
 }
 
 /// Marks the pixels of a row that are missing, but for gaps, and those that are not joined to the one beside, above or below.

@@ -48,9 +48,14 @@ pub(super) fn smoothed(
             return (Sample { inverse_depth, sigma, ..samples.at(pixel) }, half);
         }
     }
+    (alone(view, samples, pixel), 0)
+}
+
+/// The sample as it is, with the uncertainty of a point.
+pub(super) fn alone(view: &View, samples: &Raster, pixel: usize) -> Sample {
     let sample = samples.at(pixel);
     let left = shared(view.shares.left(0, f64::from(sample.own_share), 0.0), view.independence.share);
-    (Sample { sigma: (f64::from(sample.sigma) * left.sqrt()) as f32, ..sample }, 0)
+    Sample { sigma: (f64::from(sample.sigma) * left.sqrt()) as f32, ..sample }
 }
 
 /// Fewer samples of a window do not make a quadratic; of the smallest one may be missing.

@@ -3,6 +3,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
+use super::crease::{BENT, variance};
 use super::curved::{Derivatives, missing};
 use super::point::View;
 use super::smooth::{MAX_NOISE, MAX_ROUGHNESS};
@@ -49,6 +50,8 @@ impl Broken {
 pub(super) struct Fits {
     /// The quadratic at the middle; NaN where the window is not one smooth surface.
     pub smooth: Lanes,
+    /// By how much it bends more than noise does; see [`BENT`].
+    pub bent: Lanes,
     /// The plane: value and derivatives by column and row; NaN where it is not one surface.
     pub value: Lanes,
     pub by_column: Lanes,
@@ -118,7 +121,7 @@ pub(super) fn fits<const M: usize>(
     (max_step, pitch): (f64, f64),
 ) -> Fits {
     let zero = [0.0; LANES];
-    let mut out = Fits { smooth: zero, value: zero, by_column: zero, by_row: zero };
+    let mut out = Fits { smooth: zero, bent: zero, value: zero, by_column: zero, by_row: zero };
     for l in 0..LANES {
         let centre = middle[at(HALF, l)];
         let (mut line, mut by_v, mut by_vv, mut square, mut worst) = ([0.0; 5], 0.0, 0.0, 0.0, 0.0);
@@ -140,10 +143,8 @@ pub(super) fn fits<const M: usize>(
         let by_uv = 2.0 * (slope(4) - slope(0)) + (slope(3) - slope(1));
         // Norms of the polynomials 1, u, uv, u² − 2: 25, 50, 100, 70.
         let slope2 = (by_u * by_u + by_v * by_v) * (1.0 / (50.0 * 50.0));
-        let explained = sum * sum * (1.0 / 25.0)
-            + (by_u * by_u + by_v * by_v) * (1.0 / 50.0)
-            + (by_uu * by_uu + by_vv * by_vv) * (1.0 / 70.0)
-            + by_uv * by_uv * (1.0 / 100.0);
+        let bend = (by_uu * by_uu + by_vv * by_vv) * (1.0 / 70.0) + by_uv * by_uv * (1.0 / 100.0);
+        let explained = sum * sum * (1.0 / 25.0) + (by_u * by_u + by_v * by_v) * (1.0 / 50.0) + bend;
         let residual = (square - explained) * (1.0 / 19.0);
         let noise = MAX_NOISE * sigma[l];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * square;
@@ -159,6 +160,7 @@ pub(super) fn fits<const M: usize>(
         let smooth = centre + (sum * (1.0 / 25.0) - (by_uu + by_vv) * (2.0 / 70.0) + missing);
         // An absent sample makes the sums NaN, and the comparison false.
         out.smooth[l] = if (residual <= limit) & connected { smooth } else { f64::NAN };
+        out.bent[l] = bend - BENT * variance(sigma[l], own[l]);
         let one = worst <= max_step * centre.abs() + 6.0 * sigma[l];
         out.value[l] = if one { centre + sum * (1.0 / 25.0) } else { f64::NAN };
         out.by_column[l] = by_u * (1.0 / 50.0);

@@ -63,7 +63,8 @@ fn samples(directions: &Directions, depth: impl Fn(f64, f64) -> Option<f64>, rea
     let phases: Vec<f32> = depths.iter().map(|depth| depth.map_or(f32::NAN, |z| z as f32)).collect();
     let [mut missing, mut borders, mut limbs] = [0; 3].map(|_| vec![0; phases.len()]);
     mark_missing((SIDE, &phases), 3.0, &mut missing);
-    mark_limbs((SIDE, &phases), (reach, 3.0), &missing, &mut borders, (OWN, &mut limbs));
+    let (certain, reach) = (vec![0.0; phases.len()], Reach { limb: reach, rim: 0 });
+    mark_limbs((SIDE, &phases, &certain), (reach, 3.0), &missing, &mut borders, (OWN, &mut limbs));
     let sample = |i: usize| {
         let Some(depth) = depths[i] else { return Sample::NONE };
         let noise = 2e-8 * normal_quantile(Key::new(5).open(i as u64));
@@ -117,6 +118,8 @@ fn marks_are_those_of_all_pixels_compared() {
         };
         let values: Vec<f32> = (0..width * height).map(value).collect();
         let missing: Vec<u8> = values.iter().map(|value| u8::from(value.is_nan())).collect();
+        // With the noise of every third pixel its small bends are none.
+        let sigmas: Vec<f32> = (0..values.len()).map(|i| if i % 3 == 0 { 0.01 } else { 0.0 }).collect();
         let at = |i: usize| [(i % width) as i64, (i / width) as i64];
         let apart = |a: usize, b: usize| {
             let ([ax, ay], [bx, by]) = (at(a), at(b));
@@ -134,20 +137,27 @@ fn marks_are_those_of_all_pixels_compared() {
             let second = |a: f64, b: f64| (a + b - 2.0 * f64::from(values[i])).abs();
             second(left, right).max(second(up, down))
                 > f64::from(BEND) * ((right - left).abs() + (down - up).abs())
+                    + f64::from(BEND_SIGMAS * sigmas[i])
         };
         let ends: Vec<usize> = all().filter(|i| missing[*i] != 0 || jumps(*i)).collect();
         let bends: Vec<usize> = all().filter(|i| bends(*i)).collect();
         let (mut borders, mut marks) = (vec![7; width * height], vec![RIM; width * height]);
-        mark_limbs((width, &values), (reach, 5.0), &missing, &mut borders, (OTHER, &mut marks));
+        let seen = (width, &values[..], &sigmas[..]);
+        mark_limbs(seen, (Reach { limb: reach, rim: 2 }, 5.0), &missing, &mut borders, (OTHER, &mut marks));
         for i in all() {
-            let near = |border: &[usize]| border.iter().any(|end| (apart(i, *end) as f64) < reach * reach);
+            let near = |border: &[usize], reach: f64| {
+                border.iter().any(|end| (apart(i, *end) as f64) < reach * reach)
+            };
             let mark = |near: bool, mark: u8| if near { mark } else { 0 };
-            let wanted = RIM | mark(near(&ends), OTHER) | mark(near(&bends), OTHER << BENT);
+            let wanted = RIM
+                | mark(near(&ends, reach), OTHER)
+                | mark(near(&bends, reach), OTHER << BENT)
+                | mark(near(&bends, 1.5), OTHER << SPLIT);
             assert_eq!(marks[i], wanted, "pixel {i} of {width} columns");
         }
         found.extend(marks);
     }
-    for marks in [0, OTHER, OTHER << BENT, OTHER | OTHER << BENT] {
+    for marks in [0, OTHER, OTHER << BENT, OTHER | OTHER << BENT, OTHER << BENT | OTHER << SPLIT] {
         assert!(found.contains(&(RIM | marks)), "{marks}");
     }
 }
@@ -300,6 +310,24 @@ fn the_limb_of_the_other_camera_counts_too() {
     assert!(wanted.iter().filter(|(_, dropped)| *dropped).count() > 100);
     for (pixel, dropped) in wanted {
         assert_eq!(causes[pixel] == Cause::Steep, dropped, "pixel {pixel}");
+    }
+}
+
+/// Proves: what bends in one picture alone ends there, within the reach of a rim; a crease, which both show, does not.
+#[test]
+fn a_bend_that_one_picture_alone_shows_is_a_rim() {
+    let both = OWN << BENT | OTHER << BENT;
+    for (marks, ends) in [
+        (0, false),
+        (OWN | OTHER, false),
+        (RIM | both, false),
+        (OTHER << BENT, false),
+        (OTHER << BENT | OTHER << SPLIT, true),
+        (OWN << BENT | OWN << SPLIT, true),
+        (both | OTHER << SPLIT, false),
+        (both | OWN << SPLIT | OTHER << SPLIT, false),
+    ] {
+        assert_eq!(ends_here(marks), ends, "{marks:b}");
     }
 }
 
