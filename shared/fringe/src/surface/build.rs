@@ -140,6 +140,11 @@ fn drop_pixel(pixel: usize, cause: Cause, slots: &mut IterMut<Point>, count: &mu
     }
 }
 
+/// Adds a further uncertainty of the inverse depth to that of a sample.
+fn add(sample: &mut Sample, off: f64) {
+    sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
+}
+
 /// Decides whether a pixel becomes a point, or why it is dropped.
 pub(super) struct Selector<'a> {
     pub(super) view: &'a View<'a>,
@@ -247,28 +252,28 @@ impl Selector<'_> {
             rough = blunt && samples.is_whole(size, pixel, smoothing);
             sample = partly.unwrap_or(sample);
         }
+        // Noise of the pixel alone hides what reaches over many.
+        let excess = if window > 0 || view.independence.share < 1.0 { self.excess } else { 1.0 };
+        sample.sigma = (f64::from(sample.sigma) * excess) as f32;
+        // How steep a place is does not depend on what is stated of a crease: no limb hides behind it.
+        let seen = sample;
         if rough {
             sample = alone(view, samples, pixel);
-        }
-        // Noise of the pixel alone hides what reaches over many.
-        if window > 0 || view.independence.share < 1.0 {
-            sample.sigma = (f64::from(sample.sigma) * self.excess) as f32;
+            sample.sigma = (f64::from(sample.sigma) * excess) as f32;
         }
         if blunt {
-            let off = crease::error(size, samples, pixel, link);
-            sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
+            add(&mut sample, crease::error(size, samples, pixel, link));
         }
         let mut steep = false;
         if let Some(normal) = normal {
-            let beyond = view.beyond_incidence(&sample, pixel, &normal, self.min_cosine);
+            let beyond = view.beyond_incidence(&seen, pixel, &normal, self.min_cosine);
             let wide = quiet_half(view, &samples.at(pixel));
             steep = beyond > 0.0 && wide <= half;
             if beyond > 0.0 && !steep {
-                let off = view.slope_error(&sample, pixel, &normal, wide, beyond);
-                sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
+                add(&mut sample, view.slope_error(&seen, pixel, &normal, wide, beyond));
             }
         }
-        let limb = || normal.is_some_and(|normal| self.at_limb(pixel, &sample, &normal));
+        let limb = || normal.is_some_and(|normal| self.at_limb(pixel, &seen, &normal));
         let cause = if steep || limb() {
             Cause::Steep
         } else if f64::from(sample.sigma) > view.max_sigma {
