@@ -283,8 +283,10 @@ impl Selector<'_> {
             let clear_of = (OWN | second) << BENT;
             let bowl = Way { uphill: false, clear_of, least_radius_px: LEAST_BOWL_PX };
             // A ball just before another surface ends in a jump that is no larger than a step of one surface: there phases bend.
-            ((marks & mark != 0 || (hidden && self.view.two_pictures))
-                && limb(BALL).is_some_and(|px| px < LIMB_PX))
+            let before = Way { uphill: true, ..bowl };
+            let bends = hidden && self.view.two_pictures;
+            (marks & mark != 0 && limb(BALL).is_some_and(|px| px < LIMB_PX))
+                || (bends && limb(before).is_some_and(|px| px < LIMB_PX))
                 || (hidden && limb(bowl).is_some_and(|px| px < BOWL_PX))
         })
     }
