@@ -98,9 +98,9 @@ const BEND_SIGMAS: f32 = 10.0;
 /// How far borders reach in a picture, px.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach {
-    /// See [`reach_px`].
+    /// That of a limb: see [`reach_px`].
     pub limb: f64,
-    /// See [`super::SurfaceSettings::edge_px`]; 0: bends are no rims.
+    /// That of a rim: [`super::SurfaceSettings::edge_px`]; 0: bends are no rims.
     pub rim: usize,
 }
 
