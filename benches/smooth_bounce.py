@@ -15,7 +15,7 @@ import tomllib
 
 import numpy as np
 from PIL import Image
-from bounce import judged, planes, stated, views
+from bounce import judged, planes, views
 from common import arguments, run
 from second_simulation import CAMERAS, FOCAL, GAIN_DN, PAIRS, PROJECTOR, PROJECTOR_FOCAL, READ_DN, SIZE, Eye, Sequence, configuration, patterns
 
@@ -124,14 +124,14 @@ def pictures(eye, sigma, faces, light, table, bounced):
         gx, gy = np.meshgrid(x, rows)
         rays = eye.rays(gx.ravel(), gy.ravel())
         best = np.full(len(rays), np.inf)
-        lit = [None, None]
+        lit = []
         for face in faces:
             length = ((face.corner - eye.centre) @ face.normal) / (rays @ face.normal)
             from_corner = eye.centre + rays * length[:, None] - face.corner
             far, side = from_corner @ face.away, from_corner @ face.along
             hit = (far > 0) & (far < WIDTH) & (abs(side) < LENGTH / 2) & (length > 0) & (length < best)
             best[hit] = length[hit]
-            lit[faces.index(face)] = (hit, far, side)
+            lit.append((hit, far, side))
         if not np.isfinite(best).any():
             continue
         direct = np.zeros((len(table), len(rays)), np.float32)
@@ -148,7 +148,7 @@ def pictures(eye, sigma, faces, light, table, bounced):
 
 
 def recordings(folder, eyes, light, sequence, table, faces, albedo, rng):
-    """Four recordings: without and with the bounce, each without and with noise. Without noise levels still have 8 bits: a draw spreads them."""
+    """Four recordings: without and with the bounce, each in 16 bits without noise and in 8 bits with it."""
     bounced = [thrown(onto, source, light, table, albedo) for onto, source in (faces, faces[::-1])]
     for name in SEEING:
         drawn = pictures(eyes[name], CAMERAS[name][3], faces, light, table, bounced)

@@ -333,7 +333,7 @@ impl Scan<'_> {
             (batch.sigma_rad[l] * batch.sigma_rad[l], batch.sigma_rad[l] * batch.sigma_rad[l] + variance);
         let sigma = (both / (slope * slope)).sqrt();
         // A silhouette of that view: the left view may see the surface go on.
-        let marks = batch.limbs[l] | self.right_phase.rims[right];
+        let marks = self.right_phase.rims[right];
         if marks & RIM != 0 {
             return Err(Cause::Discontinuous);
         }
@@ -351,7 +351,7 @@ impl Scan<'_> {
             sigma: (sigma / self.pair.baseline_mm) as f32,
             own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
             modulation: batch.modulation[l].min(self.right.modulation[right]),
-            limbs: marks,
+            limbs: batch.limbs[l] | marks,
             cause: Cause::Point,
         })
     }
