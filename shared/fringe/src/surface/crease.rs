@@ -7,7 +7,7 @@
 //! Noise hides from the residuals of a single window a crease that bends the smoothed depth by three times its uncertainty. More is seen by its neighbours: at a
 //! crease the second derivative is large in one window and nothing in those beside it, while surfaces that curve do so in all.
 
-use super::curved::OF_OTHER;
+use super::curved::{BENT, variance};
 use super::normals::Link;
 use super::raster::Raster;
 use super::windows::HALF;
@@ -19,9 +19,6 @@ const BESIDE: usize = 2;
 /// of 0.4 px, 0.06 of one of 0.7 px.
 const SHARE: f64 = 0.06;
 
-/// A window whose second derivatives are more than noise: their squares over their variances, of three degrees of freedom, 0.3 % by noise.
-pub(super) const BENT: f64 = 14.0;
-
 /// The second derivatives are more than those beside them: the same of two degrees of freedom, 0.15 % by noise.
 const ALONE: f64 = 13.0;
 
@@ -30,12 +27,6 @@ const APART: usize = 2 * HALF + 1;
 
 /// Variance of a second derivative over that of the samples.
 const SPREAD: f64 = 4.0 / 70.0;
-
-/// Variance of a second derivative's sample, of which a share is its own: see [`OF_OTHER`].
-#[inline(always)]
-pub(super) fn variance(sigma: f64, own: f64) -> f64 {
-    sigma * sigma * (own + OF_OTHER * (1.0 - own))
-}
 
 /// Whether the window of a sample with this uncertainty bends where those beside it do not.
 pub(super) fn is_crease(
@@ -100,7 +91,6 @@ fn second_derivatives(
 /// Uncertainty that the blunt crease adds to the inverse depth of a sample, 1/mm; 0 where no samples lie on both sides of it.
 pub(super) fn error((width, height): (usize, usize), samples: &Raster, pixel: usize, link: Link) -> f64 {
     let (column, row, middle) = (pixel % width, pixel / width, samples.at(pixel));
-
     let bend = |inside: bool, step: usize| {
         let (before, after) = if inside { (pixel - step, pixel + step) } else { return 0.0 };
         let [before, after] = [before, after].map(|at| samples.at(at));

@@ -27,10 +27,19 @@ const BENDS: [f64; 4] = [0.0, 1.6, 0.048, 0.0058];
 
 /// Noise of the other view is interpolated: what is left of it at the periods of such windows is so much more than of independent samples of its variance
 /// (spectrum of a Gaussian that leaves a mean of the windows' shares in [`super::shares`]).
-pub(super) const OF_OTHER: f64 = 2.3;
+const OF_OTHER: f64 = 2.3;
+
+/// A window whose second derivatives are more than noise: their squares over their variances, of three degrees of freedom, 0.3 % by noise.
+pub(super) const BENT: f64 = 14.0;
 
 /// With more depth noise than this, in pixels on the surface, derivatives say less of the curvature than noise hides of it.
 const MOST_NOISE: f64 = 0.5;
+
+/// Variance of a second derivative's sample, of which a share is its own: see [`OF_OTHER`].
+#[inline(always)]
+pub(super) fn variance(sigma: f64, own: f64) -> f64 {
+    sigma * sigma * (own + OF_OTHER * (1.0 - own))
+}
 
 /// Derivatives of the inverse depth by columns and rows, 1/mm per pixel and per squared pixel.
 #[derive(Clone, Copy)]

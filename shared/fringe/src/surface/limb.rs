@@ -9,31 +9,13 @@
 //! middle; with s₀ here and s₁ farther in by L pixels, ρ (1 − s₀) = L (1 − s₀)/(s₀ − s₁) pixels are left to the limb, and of a plane infinitely many.
 
 use super::build::Selector;
+use super::marks::{BENT, OTHER, OWN, SPLIT};
 use super::normals::{normal, pixels_along};
 use super::point::{STEEP_SHARE, Sample, rim_is_hidden};
 use crate::math::simd::{best_level, vectorised};
 use crate::sensor::Footprint;
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
-
-/// Mark of a pixel of the other view at a rim.
-pub(crate) const RIM: u8 = 1;
-/// Mark of a pixel near to where phases end in the picture of its own camera …
-pub(crate) const OWN: u8 = 2;
-/// … and of one whose match is in the picture of the other.
-pub(crate) const OTHER: u8 = 4;
-/// What these are shifted by where phases do not end, but bend …
-const BENT: u32 = 2;
-/// … and where they bend so near that a rim may be there.
-const SPLIT: u32 = 4;
-
-/// Whether a surface ends at a silhouette in one of the pictures where phases jump so little that they only bend, in that picture alone. What both
-/// pictures show is a crease of the part.
-#[inline(always)]
-pub(super) fn ends_here(marks: u8) -> bool {
-    let alone = |own: u8, other: u8| marks & own << SPLIT != 0 && marks & other << BENT == 0;
-    alone(OWN, OTHER) || alone(OTHER, OWN)
-}
 
 /// Half the side of the windows of the derivatives, px.
 const WINDOW_PX: f64 = 2.5;

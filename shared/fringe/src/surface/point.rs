@@ -20,7 +20,7 @@ pub(crate) struct Sample {
     pub own_share: f32,
     /// Modulation B of the pixel, DN.
     pub modulation: f32,
-    /// In the pictures of which cameras phases end nearby: [`super::limb::OWN`], [`super::limb::OTHER`].
+    /// In the pictures of which cameras phases end nearby: [`super::OWN`], [`super::OTHER`].
     pub limbs: u8,
     /// Why there is no point; [`Cause::Point`] where there is one.
     pub cause: Cause,

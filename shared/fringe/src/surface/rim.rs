@@ -8,7 +8,7 @@ use super::Cause;
 use super::broken::{self, is_readable};
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::gaps::mark_row;
-use super::limb::ends_here;
+use super::marks::ends_here;
 use super::normals::Link;
 use super::point::View;
 use super::raster::Raster;

@@ -3,8 +3,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::crease::{BENT, variance};
-use super::curved::{Derivatives, missing};
+use super::curved::{BENT, Derivatives, missing, variance};
 use super::point::View;
 use super::smooth::{MAX_NOISE, MAX_ROUGHNESS};
 use std::ops::Range;

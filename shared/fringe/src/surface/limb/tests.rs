@@ -1,5 +1,6 @@
 //! Balls before the dark and before a lit wall, and flat faces that end.
 
+use super::super::marks::{RIM, ends_here};
 use super::super::normals::Link;
 use super::super::point::View;
 use super::super::raster::Raster;
