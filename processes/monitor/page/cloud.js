@@ -38,6 +38,15 @@ void main() {
 }`;
 const FRAGMENT = "varying vec3 shade; void main() { gl_FragColor = vec4(shade, 1.0); }";
 
+/** Height at or below `top` where a label is clear of those `taken`, in whole pixels: the rounding of fractions would leave a label a hair
+    nearer to its neighbour than it was put, and moved down for ever. */
+export function below(taken, x, top, wide) {
+  let y = Math.round(top);
+  const hit = () => taken.find((t) => Math.abs(t.y - y) < 20 && x < t.x + t.wide && t.x < x + wide);
+  for (let other = hit(); other; other = hit()) y = other.y + 20;
+  return y;
+}
+
 /** Planes of the cloud as the monitor packs them. */
 export function unpack(buffer) {
   const view = new DataView(buffer);
@@ -205,11 +214,8 @@ export class Cloud {
     const tags = $("labels").checked ? this.places.map(({ feature, place }) => {
       const [x, top, z] = this.project(new Vector3(...place.map((v, axis) => v - this.cloud.middle[axis])));
       if (z > 1 || x < 0 || top < 0 || x > width || top > height) return null;
-      // Down to where no other label is.
       const wide = Math.min(22, feature.name.length + 2) * 7.5;
-      let y = top;
-      const hit = () => taken.find((t) => Math.abs(t.y - y) < 20 && x < t.x + t.wide && t.x < x + wide);
-      for (let other = hit(); other; other = hit()) y = other.y + 20;
+      const y = below(taken, x, top, wide);
       if (y > height - 20) return null;
       taken.push({ x, y, wide });
       const sign = { pass: "✓", fail: "✕", indeterminate: "?" }[feature.verdict] ?? "·";
