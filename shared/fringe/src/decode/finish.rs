@@ -66,6 +66,7 @@ impl Decoder {
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         self.take_ripple(home, report.motion, out);
+        self.take_ripples(home, out);
         report.code_shift = self.code_shift(home, &report, out);
         report.linearity = self.linearity(home, out);
         let removed = self.remove_footprint(home, out)?;

@@ -77,6 +77,7 @@ mod probing;
 mod rasters;
 mod replace;
 mod report;
+mod ripples;
 mod risk;
 mod roles;
 mod runs_on;

@@ -192,7 +192,7 @@ impl Motion {
 }
 
 impl Decoder {
-    /// Takes off what shifts that are beyond doubt do to the phases of even steps. The one at φ − δᵢ + pᵢ is found too large by the mean of
+    /// Takes off what shifts that are beyond doubt do to phases and modulations of even steps. The phase at φ − δᵢ + pᵢ is found too large by the mean of
     /// pᵢ (1 − cos 2(φ − δᵢ)): the mean place of the fringes, and a ripple of twice their frequency, which smoothing does not take out as it does noise.
     pub(super) fn take_ripple(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
         let plan = &self.plan.axes[home];
@@ -203,9 +203,11 @@ impl Decoder {
         if (along * along + across * across).sqrt() < LEAST_RIPPLE * motion.sigma_rad {
             return;
         }
-        map.phase_rad.par_iter_mut().with_min_len(CHUNK).for_each(|phase| {
+        let pixels = map.phase_rad.par_iter_mut().zip(map.modulation.par_iter_mut());
+        pixels.with_min_len(CHUNK).for_each(|(phase, modulation)| {
             let (sin, cos) = sincos(2.0 * f64::from(*phase));
             *phase = (f64::from(*phase) + along * cos + across * sin) as f32;
+            *modulation = (f64::from(*modulation) * (1.0 - across * cos + along * sin)) as f32;
         });
     }
 

@@ -121,9 +121,14 @@ impl Sums {
         self.kind == SineKind::Lines
     }
 
-    /// Whether the sums are those of plain sines at even steps.
+    /// Whether the sums are those of plain sines.
+    pub fn are_plain(&self) -> bool {
+        self.kind == SineKind::Plain && self.replaced.is_none()
+    }
+
+    /// The same at even steps.
     pub fn are_even_steps(&self) -> bool {
-        self.kind == SineKind::Plain && self.uneven.is_none() && self.replaced.is_none()
+        self.are_plain() && self.uneven.is_none()
     }
 
     /// The same, or under a light that changes slightly.

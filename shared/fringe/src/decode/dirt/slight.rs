@@ -4,8 +4,8 @@
 //! tell it to a twentieth of the noise of one of them, for it scales the fringes as well. They count by how rare their phase is, so that harmonics of the
 //! projector do not look like a light.
 //!
-//! A room that gets brighter adds to the frames. What of that looks like a fringe leaves nothing in a pixel; with the rest taken out alone, nothing
-//! would show how far the phases are off. There the frames stay as they are, and what they leave counts as noise.
+//! A room that gets brighter adds to the frames. What of that looks like a fringe leaves nothing in a pixel; the whole map shows it (`ripples`). The
+//! rest of it stays in the frames, and counts as noise.
 
 // The sums of a set live on the stack: a warm decoder allocates nothing.
 #![allow(clippy::large_stack_arrays)]

@@ -263,6 +263,34 @@ fn a_slight_change_of_the_lamp_shifts_no_phase_and_is_no_noise() {
     }
 }
 
+/// Light of the room that changes adds to the frames. What of it looks like a fringe leaves nothing in a pixel, and shifts no phase all the same.
+#[test]
+fn a_changing_light_of_the_room_that_looks_like_a_fringe_shifts_no_phase() {
+    for steps in [3, 4, 5, 10] {
+        let wave = |frame: usize| TAU * frame as f64 / steps as f64;
+        let cases: [(&str, &dyn Fn(usize) -> f64); 4] = [
+            ("steady", &|_| 3.0),
+            ("one wave", &|frame| 0.7 * cos(wave(frame) + 1.0)),
+            ("gets brighter", &|frame| 2.0 * frame as f64 / steps as f64),
+            ("one frame", &|frame| if frame == 1 { 2.0 } else { 0.0 }),
+        ];
+        let told = |room: &dyn Fn(usize) -> f64| {
+            let (report, off_rad) = Shown { steps, room, ..AT_REST }.decoded().unwrap();
+            assert!(report.findings.is_empty(), "{steps}: {:?}", report.findings);
+            off_rad
+        };
+        let still_rad = told(&|_| 0.0);
+        for (name, room) in cases {
+            let off_rad = told(room);
+            // Left in the phases, the least of these would be a third of their noise, which makes 1.05.
+            assert!(
+                (off_rad / still_rad - 1.0).abs() < 0.01,
+                "{name}, {steps}: {off_rad} of {still_rad} rad"
+            );
+        }
+    }
+}
+
 /// A step is not extrapolated, and frames that stand anywhere make no drift.
 #[test]
 fn a_step_is_as_large_as_it_is_and_scattered_frames_do_not_drift() {
