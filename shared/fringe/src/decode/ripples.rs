@@ -22,15 +22,16 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// So many lines of the map, and one of so many pixels of each, tell whether there is such a light …
-const ASKED: (usize, usize) = (48, 4);
-/// … and these how large it is where.
-const MEASURED: (usize, usize) = (128, 2);
-/// Pieces of a line: a light must stand out from what these differ by.
+/// So many lines of the map, and one of so many pixels of each, tell whether there is a ripple, and those how large it is where: of a map that is full …
+const OF_FULL: [(usize, usize); 2] = [(48, 4), (128, 2)];
+/// … and of one with a small part.
+const OF_SPARSE: [(usize, usize); 2] = [(1024, 1); 2];
+/// Pieces of the map, down and along its lines: a ripple must stand out from what these differ by.
+const BANDS: usize = 48;
 const PIECES: usize = 6;
 /// Fewest pixels, and fewest pieces.
 const LEAST_PIXELS: f64 = 1024.0;
-const LEAST_PIECES: f64 = 16.0;
+const LEAST_PIECES: f64 = 8.0;
 /// Standard errors beyond which there is one.
 const CERTAIN: f64 = 5.0;
 /// A ripple below this part of the noise of the modulation is left: smoothed points are a few times as certain as their pixels.
@@ -91,6 +92,37 @@ struct Seen {
     modulation_dn: f64,
 }
 
+/// Those of a map, band by band.
+type Pieces = [[Piece; PIECES]; BANDS];
+
+impl Seen {
+    /// The ripple all over the map, where there is one, or where a light is told that changes by this part.
+    fn of(pieces: &Pieces, told: f64) -> Option<Self> {
+        let filled = || pieces.iter().flatten().filter(|piece| piece.count > 0.0);
+        let sum = |of: &dyn Fn(&Piece) -> f64| filled().map(of).sum::<f64>();
+        let (count, number) = (sum(&|piece| piece.count), sum(&|_| 1.0));
+        let modulation_dn = sum(&|piece| piece.modulation_dn) / count;
+        let noise_dn = sum(&|piece| piece.noise_dn) / count;
+        // In two ways, for a light may add to weak fringes what it takes from strong ones. The mean of cos² is a half.
+        let [strong, weak] = [(0, 2.0), (1, 2.0 * modulation_dn)].map(|(way, unit_dn)| {
+            let shown = |piece: &Piece, k: usize| unit_dn * piece.shown[way][k];
+            let ripple_dn = [0, 1].map(|k| sum(&|piece| shown(piece, k)) / count);
+            let off = |piece: &Piece, k: usize| shown(piece, k) - piece.count * ripple_dn[k];
+            let square = |piece: &Piece| [0, 1].map(|k| off(piece, k) * off(piece, k)).iter().sum();
+            let scatter_dn2 = sum(&square) / count * number / (number - 1.0);
+            let size_dn2 = ripple_dn[0] * ripple_dn[0] + ripple_dn[1] * ripple_dn[1];
+            Self { ripple_dn, size_dn2, scatter_dn2, modulation_dn }
+        });
+        let (least_dn, told_dn) = (LEAST * noise_dn, told * modulation_dn);
+        let is_one = |seen: &Self| {
+            let chance_dn2 = CERTAIN * CERTAIN * seen.scatter_dn2 / count;
+            seen.size_dn2 > chance_dn2.max(least_dn * least_dn)
+        };
+        let size_dn2 = strong.size_dn2.max(weak.size_dn2).max(told_dn * told_dn);
+        (told > 0.0 || is_one(&strong) || is_one(&weak)).then_some(Self { size_dn2, ..strong })
+    }
+}
+
 /// a and b by the terms of L, DN.
 struct Ripple {
     /// m: how often it comes in a fringe.
@@ -117,7 +149,11 @@ impl Decoder {
         let told = findings.iter().map(|found| part(&found.fault)).fold(0.0, f64::max);
         for times in [1.0, 2.0] {
             let lines = Lines { map, level, times };
-            if let Some(ripple) = lines.seen(told).and_then(|seen| Ripple::of(&lines, &seen)) {
+            let pieces =
+                [OF_FULL, OF_SPARSE].into_iter().find_map(|asked| Some((lines.pieces(asked[0])?, asked[1])));
+            let found =
+                pieces.and_then(|(pieces, measured)| Ripple::of(&lines, &Seen::of(&pieces, told)?, measured));
+            if let Some(ripple) = found {
                 ripple.take_off(map);
             }
         }
@@ -145,8 +181,8 @@ impl Ripple {
         );
     }
 
-    /// That of a map by least squares, where this was seen all over it.
-    fn of(lines: &Lines<'_, impl Fn(usize) -> f64>, seen: &Seen) -> Option<Self> {
+    /// That of a map by least squares over these lines and pixels, where this was seen all over it.
+    fn of(lines: &Lines<'_, impl Fn(usize) -> f64>, seen: &Seen, measured: (usize, usize)) -> Option<Self> {
         let size_px = (lines.map.info.width_px as usize, lines.map.info.height_px as usize);
         let mut ripple =
             Self { times: lines.times, terms: [SVector::zeros(); 2], mean_dn: seen.modulation_dn, size_px };
@@ -156,7 +192,7 @@ impl Ripple {
             let mut normal = SMatrix::<f64, { 2 * TERMS }, { 2 * TERMS }>::zeros();
             let mut right = SVector::<f64, { 2 * TERMS }>::zeros();
             let told = |pixel: &Pixel| ripple.at(pixel.place, pixel.modulation_dn);
-            lines.for_each_pixel(MEASURED, told, |_, _, pixel| {
+            lines.for_each_pixel(measured, told, |_, _, pixel| {
                 let terms = ripple.terms_at(pixel.place, pixel.modulation_dn);
                 let (mut row, [cos, sin]) = (SVector::<f64, { 2 * TERMS }>::zeros(), pixel.unit);
                 row.fixed_rows_mut::<TERMS>(0).copy_from(&(terms * cos));
@@ -199,43 +235,21 @@ struct Lines<'a, L> {
 }
 
 impl<L: Fn(usize) -> f64> Lines<'_, L> {
-    /// The ripple all over the map, where there is one, or where a light is told that changes by this part.
-    fn seen(&self, told: f64) -> Option<Seen> {
-        let mut pieces = [[Piece::default(); PIECES]; ASKED.0];
+    /// What the pieces of the map show, where enough of them show something.
+    fn pieces(&self, asked: (usize, usize)) -> Option<Pieces> {
+        let mut pieces = [[Piece::default(); PIECES]; BANDS];
         let (dn, sigma_rad) = (&self.map.modulation, &self.map.sigma_rad);
         let noise_dn = |place: usize| f64::from(dn[place]) * f64::from(sigma_rad[place]);
         let even = |_: &Pixel| [0.0; 2];
-        self.for_each_pixel(ASKED, even, |line, piece, pixel| {
-            pieces[line][piece].add(pixel, noise_dn(pixel.place));
+        self.for_each_pixel(asked, even, |band, piece, pixel| {
+            pieces[band][piece].add(pixel, noise_dn(pixel.place));
         });
-        let filled = || pieces.iter().flatten().filter(|piece| piece.count > 0.0);
-        let sum = |of: &dyn Fn(&Piece) -> f64| filled().map(of).sum::<f64>();
-        let (count, number) = (sum(&|piece| piece.count), sum(&|_| 1.0));
-        if count < LEAST_PIXELS || number < LEAST_PIECES {
-            return None;
-        }
-        let modulation_dn = sum(&|piece| piece.modulation_dn) / count;
-        let noise_dn = sum(&|piece| piece.noise_dn) / count;
-        // In two ways, for a light may add to weak fringes what it takes from strong ones. The mean of cos² is a half.
-        let [strong, weak] = [(0, 2.0), (1, 2.0 * modulation_dn)].map(|(way, unit_dn)| {
-            let shown = |piece: &Piece, k: usize| unit_dn * piece.shown[way][k];
-            let ripple_dn = [0, 1].map(|k| sum(&|piece| shown(piece, k)) / count);
-            let off = |piece: &Piece, k: usize| shown(piece, k) - piece.count * ripple_dn[k];
-            let square = |piece: &Piece| [0, 1].map(|k| off(piece, k) * off(piece, k)).iter().sum();
-            let scatter_dn2 = sum(&square) / count * number / (number - 1.0);
-            let size_dn2 = ripple_dn[0] * ripple_dn[0] + ripple_dn[1] * ripple_dn[1];
-            Seen { ripple_dn, size_dn2, scatter_dn2, modulation_dn }
-        });
-        let (least_dn, told_dn) = (LEAST * noise_dn, told * modulation_dn);
-        let is_one = |seen: &Seen| {
-            let chance_dn2 = CERTAIN * CERTAIN * seen.scatter_dn2 / count;
-            seen.size_dn2 > chance_dn2.max(least_dn * least_dn)
-        };
-        let size_dn2 = strong.size_dn2.max(weak.size_dn2).max(told_dn * told_dn);
-        (told > 0.0 || is_one(&strong) || is_one(&weak)).then_some(Seen { size_dn2, ..strong })
+        let filled = pieces.iter().flatten().filter(|piece| piece.count > 0.0);
+        let (number, count) = filled.fold((0.0, 0.0), |(n, sum), piece| (n + 1.0, sum + piece.count));
+        (count >= LEAST_PIXELS && number >= LEAST_PIECES).then_some(pieces)
     }
 
-    /// Gives pixels of some lines, evenly over the map, with the numbers of line and piece. Those whose modulation is not that of their place, beside the
+    /// Gives pixels of some lines, evenly over the map, with the numbers of band and piece. Those whose modulation is not that of their place, beside the
     /// ripple that is told, are left out.
     fn for_each_pixel(
         &self,
@@ -259,7 +273,7 @@ impl<L: Fn(usize) -> f64> Lines<'_, L> {
                 let [a, b] = told_dn(&pixel);
                 let told = a * pixel.unit[0] + b * pixel.unit[1];
                 if (pixel.above_dn - told).abs() < EDGE * pixel.modulation_dn {
-                    give(line, i * PIECES / length, &pixel);
+                    give(line * BANDS / lines, i * PIECES / length, &pixel);
                 }
             }
         }
