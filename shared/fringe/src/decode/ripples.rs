@@ -13,8 +13,9 @@
 //! thousands of pixels. L may grow with the modulation, as the light of the room on a part of several colours does, and across the picture.
 
 use super::Decoder;
-use super::block::CHUNK;
+use super::block::{BLOCK, CHUNK};
 use super::dirt::Fault;
+use super::sums::BlockSums;
 use crate::math::sincos;
 use crate::pattern::Axis;
 use crate::phase::PhaseViewMut;
@@ -23,14 +24,14 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// So many lines of the map, and one of so many pixels of each, tell whether there is a ripple, and those how large it is where: of a map that is full …
-const OF_FULL: [(usize, usize); 2] = [(48, 4), (128, 2)];
+const OF_FULL: [(usize, usize); 2] = [(48, 12), (128, 2)];
 /// … and of one with a small part.
-const OF_SPARSE: [(usize, usize); 2] = [(1024, 1); 2];
+const OF_SPARSE: [(usize, usize); 2] = [(192, 3), (384, 1)];
 /// Pieces of the map, down and along its lines: a ripple must stand out from what these differ by.
 const BANDS: usize = 48;
 const PIECES: usize = 6;
-/// Fewest pixels, and fewest pieces.
-const LEAST_PIXELS: f64 = 1024.0;
+/// Fewest pixels of either, and fewest pieces.
+const LEAST_PIXELS: [f64; 2] = [1024.0, 512.0];
 const LEAST_PIECES: f64 = 8.0;
 /// Standard errors beyond which there is one.
 const CERTAIN: f64 = 5.0;
@@ -53,7 +54,7 @@ struct Pixel {
     above_dn: f64,
     /// The modulation to which this belongs, DN: the harmonic mean of its own and those half a ripple away.
     modulation_dn: f64,
-    /// The same of the cosine and the sine of its ripple: they themselves, where half a ripple is a whole number of pixels.
+    /// Cosine and sine of its ripple.
     unit: [f64; 2],
 }
 
@@ -143,17 +144,18 @@ impl Decoder {
         if plan.chain.is_none() || plan.fused || !is_whole || !self.sums[*slot].are_plain() {
             return;
         }
-        let level = |place| f64::from(self.sums[*slot].sum_at(&self.rasters, place));
+        let levels =
+            |places: &[usize], sums: &mut BlockSums| self.sums[*slot].gather(&self.rasters, places, sums);
         // A light that changes this much was taken out of the frames as if it had fallen like the projector's.
         let part = |fault: &Fault| if let Fault::Flicker(part) = fault { *part } else { 0.0 };
         let told = findings.iter().map(|found| part(&found.fault)).fold(0.0, f64::max);
         for times in [1.0, 2.0] {
-            let lines = Lines { map, level, times };
-            let pieces =
-                [OF_FULL, OF_SPARSE].into_iter().find_map(|asked| Some((lines.pieces(asked[0])?, asked[1])));
+            let lines = Lines { map, levels, times };
+            let mut ways = [OF_FULL, OF_SPARSE].into_iter().zip(LEAST_PIXELS);
             let found =
-                pieces.and_then(|(pieces, measured)| Ripple::of(&lines, &Seen::of(&pieces, told)?, measured));
-            if let Some(ripple) = found {
+                ways.find_map(|([asked, measured], least)| Some((lines.pieces(asked, least)?, measured)));
+            let seen = found.and_then(|(pieces, measured)| Some((Seen::of(&pieces, told)?, measured)));
+            if let Some(ripple) = seen.and_then(|(seen, measured)| Ripple::of(&lines, &seen, measured)) {
                 ripple.take_off(map);
             }
         }
@@ -182,7 +184,7 @@ impl Ripple {
     }
 
     /// That of a map by least squares over these lines and pixels, where this was seen all over it.
-    fn of(lines: &Lines<'_, impl Fn(usize) -> f64>, seen: &Seen, measured: (usize, usize)) -> Option<Self> {
+    fn of(lines: &Lines<'_, impl Levels>, seen: &Seen, measured: (usize, usize)) -> Option<Self> {
         let size_px = (lines.map.info.width_px as usize, lines.map.info.height_px as usize);
         let mut ripple =
             Self { times: lines.times, terms: [SVector::zeros(); 2], mean_dn: seen.modulation_dn, size_px };
@@ -226,17 +228,33 @@ impl Ripple {
     }
 }
 
-/// Lines of a map across its fringes, and the level of its pixels in any unit.
+/// Gives the sums of the frames at some pixels.
+trait Levels: Fn(&[usize], &mut BlockSums) {}
+
+impl<F: Fn(&[usize], &mut BlockSums)> Levels for F {}
+
+/// Pixels before, at and behind a place, and where it is on the map.
+#[derive(Clone, Copy)]
+struct Triple {
+    places: [usize; 3],
+    band: usize,
+    piece: usize,
+}
+
+/// So many are looked at together.
+const TOGETHER: usize = BLOCK / 3;
+
+/// Lines of a map across its fringes, and the levels of its pixels in any unit.
 struct Lines<'a, L> {
     map: &'a PhaseViewMut<'a>,
-    level: L,
+    levels: L,
     /// m: how often the ripple comes in a fringe.
     times: f64,
 }
 
-impl<L: Fn(usize) -> f64> Lines<'_, L> {
+impl<L: Levels> Lines<'_, L> {
     /// What the pieces of the map show, where enough of them show something.
-    fn pieces(&self, asked: (usize, usize)) -> Option<Pieces> {
+    fn pieces(&self, asked: (usize, usize), least: f64) -> Option<Pieces> {
         let mut pieces = [[Piece::default(); PIECES]; BANDS];
         let (dn, sigma_rad) = (&self.map.modulation, &self.map.sigma_rad);
         let noise_dn = |place: usize| f64::from(dn[place]) * f64::from(sigma_rad[place]);
@@ -246,7 +264,7 @@ impl<L: Fn(usize) -> f64> Lines<'_, L> {
         });
         let filled = pieces.iter().flatten().filter(|piece| piece.count > 0.0);
         let (number, count) = filled.fold((0.0, 0.0), |(n, sum), piece| (n + 1.0, sum + piece.count));
-        (count >= LEAST_PIXELS && number >= LEAST_PIECES).then_some(pieces)
+        (count >= least && number >= LEAST_PIECES).then_some(pieces)
     }
 
     /// Gives pixels of some lines, evenly over the map, with the numbers of band and piece. Those whose modulation is not that of their place, beside the
@@ -262,39 +280,60 @@ impl<L: Fn(usize) -> f64> Lines<'_, L> {
         let ((length, ahead), (count, aside)) =
             if info.axis == Axis::X { ((width, 1), (height, width)) } else { ((height, width), (width, 1)) };
         let lines = lines.min(count);
+        let mut triples = [Triple { places: [0; 3], band: 0, piece: 0 }; TOGETHER];
+        let mut gathered = 0;
+        let mut look_at = |triples: &[Triple]| {
+            self.held_against(triples, |triple, pixel| {
+                let [a, b] = told_dn(pixel);
+                let told = a * pixel.unit[0] + b * pixel.unit[1];
+                if (pixel.above_dn - told).abs() < EDGE * pixel.modulation_dn {
+                    give(triple.band, triple.piece, pixel);
+                }
+            });
+        };
         for line in 0..lines {
             let first = (2 * line + 1) * count / (2 * lines) * aside;
             let turn_rad = PI / self.times as f32;
-            let mut ways = [Half { map: self.map, turn_rad, first, ahead, length, end: 0 }; 2];
+            let mut ways = [Half { map: self.map, turn_rad, first, ahead, length, usual: 1 }; 2];
             for before in (0..length).step_by(every) {
                 let Some(i) = ways[0].from(before) else { continue };
                 let Some(behind) = ways[1].from(i) else { continue };
-                let pixel = self.held_against([before, i, behind].map(|i| first + i * ahead));
-                let [a, b] = told_dn(&pixel);
-                let told = a * pixel.unit[0] + b * pixel.unit[1];
-                if (pixel.above_dn - told).abs() < EDGE * pixel.modulation_dn {
-                    give(line * BANDS / lines, i * PIECES / length, &pixel);
+                let places = [before, i, behind].map(|i| first + i * ahead);
+                triples[gathered] = Triple { places, band: line * BANDS / lines, piece: i * PIECES / length };
+                gathered += 1;
+                if gathered == TOGETHER {
+                    look_at(&triples);
+                    gathered = 0;
                 }
             }
         }
+        look_at(&triples[..gathered]);
     }
 
-    /// A pixel against those half a ripple before and behind it.
-    fn held_against(&self, [before, place, behind]: [usize; 3]) -> Pixel {
-        let dn = |place: usize| f64::from(self.map.modulation[place]);
-        let contrast = |place: usize| dn(place) / (self.level)(place);
-        let (own, others) = (contrast(place), 0.5 * (contrast(before) + contrast(behind)));
-        let modulation_dn = 2.0 / (1.0 / dn(place) + 2.0 / (dn(before) + dn(behind)));
-        let above_dn = (own - others) / (own + others) * modulation_dn;
-        let unit = |place: usize| sincos(self.times * f64::from(self.map.phase_rad[place]));
-        let (own, before, behind) = (unit(place), unit(before), unit(behind));
-        let above = |own: f64, before: f64, behind: f64| 0.5 * own - 0.25 * (before + behind);
-        let unit = [above(own.1, before.1, behind.1), above(own.0, before.0, behind.0)];
-        Pixel { place, above_dn, modulation_dn, unit }
+    /// Pixels against those half a ripple before and behind them.
+    fn held_against(&self, triples: &[Triple], mut give: impl FnMut(&Triple, &Pixel)) {
+        let (mut places, mut sums) = ([0; 3 * TOGETHER], BlockSums::ZERO);
+        for (places, triple) in places.chunks_exact_mut(3).zip(triples) {
+            places.copy_from_slice(&triple.places);
+        }
+        (self.levels)(&places[..3 * triples.len()], &mut sums);
+        for (triple, levels) in triples.iter().zip(sums.sum.chunks_exact(3)) {
+            let [before, own, behind] = triple.places.map(|place| f64::from(self.map.modulation[place]));
+            let level = |k: usize| f64::from(levels[k]);
+            // Own contrast and that of the others, times the three levels.
+            let contrast = own * level(0) * level(2);
+            let others = 0.5 * level(1) * (before * level(2) + behind * level(0));
+            let both = 0.5 * (before + behind);
+            let modulation_dn = 2.0 * own * both / (own + both);
+            let place = triple.places[1];
+            let (sin, cos) = sincos(self.times * f64::from(self.map.phase_rad[place]));
+            let above_dn = (contrast - others) / (contrast + others) * modulation_dn;
+            give(triple, &Pixel { place, above_dn, modulation_dn, unit: [cos, sin] });
+        }
     }
 }
 
-/// Finds the pixel half a ripple further on a line, for pixels one after another.
+/// Finds the pixel half a ripple further on a line.
 #[derive(Clone, Copy)]
 struct Half<'a> {
     map: &'a PhaseViewMut<'a>,
@@ -302,7 +341,8 @@ struct Half<'a> {
     first: usize,
     ahead: usize,
     length: usize,
-    end: usize,
+    /// How far it was last time, px.
+    usual: usize,
 }
 
 impl Half<'_> {
@@ -310,22 +350,23 @@ impl Half<'_> {
         let own = self.phase(begin);
         let half = *self;
         let over = |end: usize| (half.phase(end) - own).abs() - half.turn_rad;
-        let mut end = self.end.max(begin + 1);
+        let last = self.length.min(begin + MOST_HALF_PX + 1);
+        let usual = begin + self.usual;
+        let is_short = usual < last && over(usual) < 0.0;
+        let mut end = if is_short { usual } else { begin + 1 };
         // Where there is no phase the search ends as well.
-        while end < self.length && over(end) < 0.0 {
+        while end < last && over(end) < 0.0 {
             end += 1;
         }
-        self.end = end;
+        if end >= last {
+            return None;
+        }
         // The pixel before may be nearer.
-        let near = if end < self.length && end > begin + 1 && over(end) + over(end - 1) > 0.0 {
-            end - 1
-        } else {
-            end
-        };
-        let is_met = near < self.length
-            && near - begin <= MOST_HALF_PX
-            && over(near).abs() < MET_RAD / PI * self.turn_rad;
-        is_met.then_some(near)
+        if end > begin + 1 && over(end) + over(end - 1) > 0.0 {
+            end -= 1;
+        }
+        self.usual = (end - begin).saturating_sub(2).max(1);
+        (over(end).abs() < MET_RAD / PI * self.turn_rad).then_some(end)
     }
 
     fn phase(&self, i: usize) -> f32 {
