@@ -21,7 +21,7 @@ const LEAST_RIPPLE: f64 = 0.05;
 const CERTAIN: f64 = 5.0;
 /// Standard deviation of a rounded value over half of the range of eight bits. The pattern of a frame has such errors in the columns of one period, which
 /// move its fringes alike in all pixels.
-const ROUNDED: f64 = 0.288_675 / 127.5;
+pub(super) const ROUNDED: f64 = 0.288_675 / 127.5;
 
 /// How the fringes moved during one sine set.
 #[derive(Debug, Clone, Copy, PartialEq)]

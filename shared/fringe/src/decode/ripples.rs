@@ -15,6 +15,7 @@
 use super::Decoder;
 use super::block::{BLOCK, CHUNK};
 use super::dirt::Fault;
+use super::motion::ROUNDED;
 use super::sums::BlockSums;
 use crate::math::sincos;
 use crate::pattern::Axis;
@@ -97,8 +98,9 @@ struct Seen {
 type Pieces = [[Piece; PIECES]; BANDS];
 
 impl Seen {
-    /// The ripple all over the map, where there is one, or where a light is told that changes by this part.
-    fn of(pieces: &Pieces, told: f64) -> Option<Self> {
+    /// The ripple all over the map, where there is one and no smaller part of the modulation than the least, or where a light is told that changes by
+    /// this part.
+    fn of(pieces: &Pieces, told: f64, least: f64) -> Option<Self> {
         let filled = || pieces.iter().flatten().filter(|piece| piece.count > 0.0);
         let sum = |of: &dyn Fn(&Piece) -> f64| filled().map(of).sum::<f64>();
         let (count, number) = (sum(&|piece| piece.count), sum(&|_| 1.0));
@@ -114,7 +116,8 @@ impl Seen {
             let size_dn2 = ripple_dn[0] * ripple_dn[0] + ripple_dn[1] * ripple_dn[1];
             Self { ripple_dn, size_dn2, scatter_dn2, modulation_dn }
         });
-        let (least_dn, told_dn) = (LEAST * noise_dn, told * modulation_dn);
+        let least_dn = (LEAST * noise_dn).max(least * modulation_dn);
+        let told_dn = told * modulation_dn;
         let is_one = |seen: &Self| {
             let chance_dn2 = CERTAIN * CERTAIN * seen.scatter_dn2 / count;
             seen.size_dn2 > chance_dn2.max(least_dn * least_dn)
@@ -149,12 +152,14 @@ impl Decoder {
         // A light that changes this much was taken out of the frames as if it had fallen like the projector's.
         let part = |fault: &Fault| if let Fault::Flicker(part) = fault { *part } else { 0.0 };
         let told = findings.iter().map(|found| part(&found.fault)).fold(0.0, f64::max);
+        // A pattern of eight bits makes ripples whose sign the modulation does not tell.
+        let least = ROUNDED * (2.0 / f64::from(self.steps[*slot])).sqrt();
         for times in [1.0, 2.0] {
             let lines = Lines { map, levels, times };
             let mut ways = [OF_FULL, OF_SPARSE].into_iter().zip(LEAST_PIXELS);
             let found =
                 ways.find_map(|([asked, measured], least)| Some((lines.pieces(asked, least)?, measured)));
-            let seen = found.and_then(|(pieces, measured)| Some((Seen::of(&pieces, told)?, measured)));
+            let seen = found.and_then(|(pieces, measured)| Some((Seen::of(&pieces, told, least)?, measured)));
             if let Some(ripple) = seen.and_then(|(seen, measured)| Ripple::of(&lines, &seen, measured)) {
                 ripple.take_off(map);
             }
