@@ -14,6 +14,8 @@ use super::block::BLOCK;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
 use super::sums::{BlockSums, Sums};
+use crate::math::sincos;
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 impl Sums {
@@ -73,4 +75,13 @@ impl Sums {
             *sigma = if length2 > 0.0 { variance[i].sqrt() / length2 } else { f32::INFINITY };
         }
     }
+}
+
+/// Cosine and sine of the steps of a carrier.
+pub(super) fn carrier_steps(steps: u32) -> Vec<[f32; 2]> {
+    let step = |j| {
+        let (s, c) = sincos(TAU * f64::from(j) / f64::from(steps));
+        [c as f32, s as f32]
+    };
+    (0..steps).map(step).collect()
 }

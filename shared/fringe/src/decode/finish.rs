@@ -65,7 +65,7 @@ impl Decoder {
         report.order = order;
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
-        self.take_ripple(home, report.motion, out);
+        self.take_ripple_of_motion(home, report.motion, out);
         self.take_ripples(home, out);
         report.code_shift = self.code_shift(home, &report, out);
         report.linearity = self.linearity(home, out);

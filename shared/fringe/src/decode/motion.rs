@@ -194,7 +194,7 @@ impl Motion {
 impl Decoder {
     /// Takes off what shifts that are beyond doubt do to phases and modulations of even steps. The phase at φ − δᵢ + pᵢ is found too large by the mean of
     /// pᵢ (1 − cos 2(φ − δᵢ)): the mean place of the fringes, and a ripple of twice their frequency, which smoothing does not take out as it does noise.
-    pub(super) fn take_ripple(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
+    pub(super) fn take_ripple_of_motion(&self, home: usize, motion: Option<Motion>, map: &mut PhaseViewMut) {
         let plan = &self.plan.axes[home];
         let Some((slot, motion)) = plan.sines.first().zip(motion) else { return };
         let even = plan.chain.is_some() && !plan.fused && self.sums[*slot].are_nearly_even_steps();

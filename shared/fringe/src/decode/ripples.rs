@@ -59,7 +59,7 @@ struct Pixel {
     unit: [f64; 2],
 }
 
-/// Sums over the pixels of a piece of a line.
+/// Sums over the pixels of a piece of the map.
 #[derive(Clone, Copy, Default)]
 struct Piece {
     count: f64,
@@ -90,7 +90,7 @@ struct Seen {
     size_dn2: f64,
     /// What a² + b² is by chance, times the number of pixels, DN².
     scatter_dn2: f64,
-    /// Mean modulation, DN.
+    /// Mean modulation of the pixels, DN.
     modulation_dn: f64,
 }
 
@@ -158,7 +158,7 @@ impl Decoder {
             let lines = Lines { map, levels, times };
             let mut ways = [OF_FULL, OF_SPARSE].into_iter().zip(LEAST_PIXELS);
             let found =
-                ways.find_map(|([asked, measured], least)| Some((lines.pieces(asked, least)?, measured)));
+                ways.find_map(|([asked, measured], fewest)| Some((lines.pieces(asked, fewest)?, measured)));
             let seen = found.and_then(|(pieces, measured)| Some((Seen::of(&pieces, told, least)?, measured)));
             if let Some(ripple) = seen.and_then(|(seen, measured)| Ripple::of(&lines, &seen, measured)) {
                 ripple.take_off(map);
@@ -259,7 +259,7 @@ struct Lines<'a, L> {
 
 impl<L: Levels> Lines<'_, L> {
     /// What the pieces of the map show, where enough of them show something.
-    fn pieces(&self, asked: (usize, usize), least: f64) -> Option<Pieces> {
+    fn pieces(&self, asked: (usize, usize), fewest: f64) -> Option<Pieces> {
         let mut pieces = [[Piece::default(); PIECES]; BANDS];
         let (dn, sigma_rad) = (&self.map.modulation, &self.map.sigma_rad);
         let noise_dn = |place: usize| f64::from(dn[place]) * f64::from(sigma_rad[place]);
@@ -269,7 +269,7 @@ impl<L: Levels> Lines<'_, L> {
         });
         let filled = pieces.iter().flatten().filter(|piece| piece.count > 0.0);
         let (number, count) = filled.fold((0.0, 0.0), |(n, sum), piece| (n + 1.0, sum + piece.count));
-        (count >= least && number >= LEAST_PIECES).then_some(pieces)
+        (count >= fewest && number >= LEAST_PIECES).then_some(pieces)
     }
 
     /// Gives pixels of some lines, evenly over the map, with the numbers of band and piece. Those whose modulation is not that of their place, beside the

@@ -7,7 +7,6 @@ use super::rasters::{Part, Rasters};
 use super::roles::{SineKind, SinePlan};
 use crate::math::sincos;
 use crate::wrapped::LeastSquares;
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Frames that are added in one pass over a block: the sums stay in registers meanwhile.
@@ -87,7 +86,7 @@ impl Sums {
             shifts_rad.clone_from(&plan.shifts_rad);
         }
         if let SineKind::Carried(steps) = plan.kind {
-            carrier = carrier_steps(steps);
+            carrier = super::carrier::carrier_steps(steps);
             let each = |w: &[f32; 3]| vec![[1.0 / steps as f32, w[1], w[2]]; steps as usize];
             weights = weights.iter().flat_map(each).collect();
         }
@@ -397,13 +396,4 @@ impl Clipping {
         };
         self.rasters.iter().any(|raster| rasters.value(*raster, place) >= clipped)
     }
-}
-
-/// Cosine and sine of the steps of a carrier.
-fn carrier_steps(steps: u32) -> Vec<[f32; 2]> {
-    let step = |j| {
-        let (s, c) = sincos(TAU * f64::from(j) / f64::from(steps));
-        [c as f32, s as f32]
-    };
-    (0..steps).map(step).collect()
 }
