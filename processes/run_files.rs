@@ -18,6 +18,7 @@ use files::ply::write_cloud;
 use files::result::{CycleResult, write_json};
 use files::rims_left_out;
 use files::trace::{TraceCycle, TraceSpan, write_trace};
+use files::viewpoints;
 use fringe::cloud::Point;
 use fringe::phase::PhaseView;
 use ipc::header::Phase;
@@ -82,6 +83,8 @@ pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point], result: Option<&C
     comments.push((cloud_pairs::COMMENT, &pairs));
     let edge_px = cell.config.settings.matching.surface.edge_px.to_string();
     comments.push((rims_left_out::COMMENT, &edge_px));
+    let viewpoints = viewpoints::comment(&cell.config.rig, &cell.config.rig.pairs);
+    comments.push((viewpoints::COMMENT, &viewpoints));
     comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
     comments.extend(assumed.as_ref().map(|text| (footprints_off::ASSUMED, text.as_str())));
     Ok(write_cloud(path, points, &comments)?)

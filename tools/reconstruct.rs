@@ -23,6 +23,7 @@ use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
 use files::rims_left_out;
+use files::viewpoints;
 use fringe::cloud::Point;
 use fringe::fusion::{Fuser, FusionReport, disagreement_warning};
 use fringe::geometry::rig::{Pair, pictures};
@@ -287,6 +288,8 @@ fn write_cloud(
     comments.push((cloud_pairs::COMMENT, pairs.as_str()));
     let edge_px = task.settings.matching.surface.edge_px.to_string();
     comments.push((rims_left_out::COMMENT, edge_px.as_str()));
+    let viewpoints = viewpoints::comment(&task.rig.rig, &task.pairs);
+    comments.push((viewpoints::COMMENT, viewpoints.as_str()));
     comments.extend(cameras_off.as_ref().map(|text| (footprints_off::COMMENT, text.as_str())));
     comments.extend(assumed.as_ref().map(|text| (footprints_off::ASSUMED, text.as_str())));
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)

@@ -16,7 +16,9 @@ use files::ply::Cloud;
 use files::provenance::Provenance;
 use files::rig_file::{RigFile, read_rig};
 use files::rims_left_out;
-use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
+use files::viewpoints;
+use fringe::geometry::rig::Pair;
+use metrology::inspection::{FeatureResult, InspectionResult, Plan, evaluate};
 use metrology::verdict::Verdict;
 use report::Formats;
 use report::part::{PartInput, write_part};
@@ -68,6 +70,15 @@ impl Args {
     }
 }
 
+/// The plan with the places whence the cloud was seen, by the numbers of the pairs in the rig file or in the cloud.
+fn seen_from(plan: Plan, args: &Args, cloud: &Cloud, pairs: Option<&[Pair]>) -> Result<Plan> {
+    let places = viewpoints::of_cloud(cloud, pairs).with_context(|| {
+        let (path, name) = (args.cloud.display(), viewpoints::COMMENT);
+        format!("{path}: comment {name} gives no places of cameras: reconstruct the cloud again")
+    })?;
+    Ok(plan.with_viewpoints(places))
+}
+
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<_> =
@@ -97,6 +108,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let file = read_rig(rig)?;
         let named = cloud_pairs::number_by_rig(&mut cloud, &file.rig.pairs);
         pairs = Some(named.map_err(|fault| anyhow!("{}: {fault}", args.cloud.display()))?);
+        plan = seen_from(plan, args, &cloud, Some(&file.rig.pairs))?;
         let result = with_calibration(&plan, &cloud.points, &file, &cameras_off)?;
         warn_of_other_rig(&args.cloud, cloud.comment("rig_sha256"), &file);
         provenance = provenance.rig(&file.sha256);
@@ -104,6 +116,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     } else {
         warn(&cameras_off, &args.cloud);
         warn_of_assumed(&cloud, &args.cloud)?;
+        plan = seen_from(plan, args, &cloud, None)?;
         evaluate(&plan, &cloud.points)
     };
     let mut all = machine_readable(args, cloud.points.len(), &result)?;

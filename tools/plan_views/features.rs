@@ -112,6 +112,7 @@ fn trials_of(task: &Task, plan: &Plan, trials: u32) -> Result<(Vec<Vec<FeatureRe
         .collect::<Result<Vec<_>, _>>()?;
     let mut fuser = Fuser::of_pictures(pictures(lit.iter().map(|pair| &rig.pairs[*pair])));
     let (mut first, mut results) = (Vec::new(), Vec::new());
+    let plan = plan.clone().with_viewpoints(rig.viewpoints(&rig.pairs));
     for trial in 0..trials {
         let mut clouds = Vec::new();
         for (pair, matcher) in lit.iter().zip(&mut matchers) {
@@ -129,7 +130,7 @@ fn trials_of(task: &Task, plan: &Plan, trials: u32) -> Result<(Vec<Vec<FeatureRe
         let clouds: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
         let mut fused = Vec::new();
         fuser.fuse(&clouds, &task.settings.fusion, &mut fused);
-        results.push(evaluate(plan, &fused).features);
+        results.push(evaluate(&plan, &fused).features);
         if trial == 0 {
             first = fused;
         }

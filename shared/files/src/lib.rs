@@ -59,3 +59,4 @@ pub mod target_file;
 mod testing;
 pub mod trace;
 pub mod trend;
+pub mod viewpoints;

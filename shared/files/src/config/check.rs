@@ -45,9 +45,9 @@ impl Config {
             projectors(&document, &raw, &cameras, played, &settings.decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
         let twin = twin(&document, &raw, &rig_file)?;
-        let edge_px = settings.matching.surface.edge_px;
-        let (recipes, plans) =
-            recipes(&document, &raw, (&rig_file.sha256, &rig_file.path, &rig.pairs), edge_px)?;
+        let (edge_px, viewpoints) = (settings.matching.surface.edge_px, rig.viewpoints(&rig.pairs));
+        let named = (rig_file.sha256.as_str(), rig_file.path.as_path(), &rig.pairs[..]);
+        let (recipes, plans) = recipes(&document, &raw, named, (edge_px, &viewpoints))?;
         let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
         let mut cell = Configuration {
             warm_up,

@@ -9,6 +9,7 @@ use crate::hash::sha256_hex;
 use crate::plan_file::parse_plan;
 use cell::configuration::{DEFAULT_RECIPE, Recipe};
 use fringe::geometry::rig::Pair;
+use nalgebra::Point3;
 use std::path::Path;
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
@@ -18,12 +19,12 @@ const MAX_RECIPES: usize = 1000;
 const MAX_NAME: usize = 64;
 
 /// The plan of the configuration first, then its further recipes, with the files of all; without either one that measures
-/// nothing. `edge_px`: what its clouds leave out at the rims of faces.
+/// nothing. `edge_px`: what its clouds leave out at the rims of faces; `viewpoints`: whence its pairs see.
 pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
     rig: (&str, &Path, &[Pair]),
-    edge_px: u32,
+    (edge_px, viewpoints): (u32, &[Option<Point3<f64>>]),
 ) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
@@ -32,7 +33,7 @@ pub(super) fn recipes(
     let (mut all, mut files) = (Vec::new(), Vec::new());
     let mut add = |name: &str, table: &str, path: &str, shares: Option<&str>| {
         let file = referenced(document, &format!("{table}plan"), path, Document::read)?;
-        let mut plan = parse_plan(&file)?.with_rims_left_out(edge_px);
+        let mut plan = parse_plan(&file)?.with_rims_left_out(edge_px).with_viewpoints(viewpoints.to_vec());
         let sha256 = sha256_hex(file.text.as_bytes());
         files.push(file);
         let mut shares_sha256 = None;

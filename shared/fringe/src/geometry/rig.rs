@@ -2,6 +2,7 @@
 
 use crate::geometry::camera::Camera;
 use crate::sensor::Sensor;
+use nalgebra::Point3;
 use std::collections::BTreeMap;
 
 /// Views that stand nearer than this to each other are rather given in metres, mm.
@@ -61,6 +62,11 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// Where the left camera of each pair stands, on whose lines of sight its points lie, in the world frame, mm.
+    pub fn viewpoints(&self, pairs: &[Pair]) -> Vec<Option<Point3<f64>>> {
+        pairs.iter().map(|pair| self.camera(&pair.left).map(Camera::centre_mm)).collect()
+    }
+
     /// A camera by name.
     pub fn camera(&self, name: &str) -> Option<&Camera> {
         self.cameras.iter().find(|c| c.name == name).map(|c| &c.camera)

@@ -5,6 +5,9 @@
 //! uncertainties. All points weigh the same, which is the definition of the Gaussian associated element (ISO 14405,
 //! VDI/VDE 2634); a weighted mean would move with the camera's exposure.
 //!
+//! Points of cameras err along their lines of sight, not along the surface's normal, which moves the least-squares element by the second order. Where
+//! their noise is given ([`PointNoise`]), the element is freed of that.
+//!
 //! Method: data about their centroid, an algebraic start, Gauss–Newton steps that fall back to Levenberg–Marquardt
 //! when the sum of squares grows, run until the step stops shrinking. Sums run over a fixed binary tree of points, so
 //! the bits depend on the order of the points alone.
@@ -33,6 +36,7 @@ mod line;
 mod normal;
 mod outline;
 mod plane;
+mod point_noise;
 mod replaced;
 mod search;
 mod settings;
@@ -68,6 +72,7 @@ pub(crate) use normal::Normal;
 pub use normal::tangents;
 pub use outline::{Outline, Placed};
 pub use plane::{PlaneFit, plane};
+pub use point_noise::PointNoise;
 pub use search::{find_plane, find_sphere};
 pub use settings::{Correlation, FitSettings, LeftOut};
 pub(crate) use shared::beyond_noise;

@@ -1,5 +1,7 @@
 //! What may be set about a fit.
 
+use super::PointNoise;
+
 /// How the noise of neighbouring points hangs together. It moves the stated uncertainties, never the element.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Correlation {
@@ -29,6 +31,9 @@ pub struct FitSettings<'a> {
     /// Standard deviation of the error of each point that others may have in common, mm ([`fringe::cloud::Point::shared_mm`]); empty
     /// where there is none. It moves the stated uncertainties, never the element.
     pub shared_mm: &'a [f32],
+    /// Noise of some points, spread evenly over all: the element is freed of what it does to it (see [`PointNoise`]). Empty where it is not known, and
+    /// for elements as the standards define them.
+    pub noise: &'a [PointNoise],
     /// What the cloud leaves out at the rims of faces, for outlines; `None` where nothing is known of it.
     pub left_out: Option<LeftOut>,
 }

@@ -9,6 +9,7 @@ use super::adjust::{Adjusted, Model, Until, adjust, normal, surface_step};
 use super::centred::{BRANCH, Centred, mean, sum};
 use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
+use super::point_noise::freed;
 use super::{Correlation, FitError, FitSettings, Support};
 
 /// Most rounds of rejection, usually four. Rounds that adjust lower the sum of squares of the kept points, so they end; steps are taken while
@@ -153,12 +154,13 @@ fn finish<M: Model<P>, const P: usize>(
     let settings = FitSettings { shared_mm: &shared_mm, ..*settings };
     let rejected = 1.0 - chosen.len() as f64 / centred.points.len() as f64;
     let (covariance, support) = covariance(element, &adjusted, chosen, &settings, rejected)?;
-    let residuals = Residuals { deviation_mm: deviations(&adjusted.model, &centred.points), used };
+    let model = freed(adjusted, settings.noise, &centred.centroid);
+    let residuals = Residuals { deviation_mm: deviations(&model, &centred.points), used };
     Ok(Solution {
         form: residuals.form(),
         used_centroid: if trimmed { mean(chosen, |p| *p) } else { Vector3::zeros() },
         centroid: centred.centroid,
-        model: adjusted.model,
+        model,
         covariance,
         support,
         residuals,

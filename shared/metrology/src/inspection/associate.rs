@@ -55,7 +55,7 @@ pub(super) fn outlined(
                 let found = border(&places, &near, *internal, *band_mm, *inset_mm, settings.left_out)?;
                 let last = round == ROUNDS;
                 // The border is that of the points in their plane: what moves them off it does not move it.
-                let in_plane = FitSettings { shared_mm: &[], ..*settings };
+                let in_plane = FitSettings { shared_mm: &[], noise: &[], ..*settings };
                 let known = FitSettings { correlation: Correlation::Known(found.u_point_mm), ..in_plane };
                 let fitted = contour(&found.points, &near, &sheet, Some(&plane), &known)?;
                 if last {

@@ -55,6 +55,7 @@ impl Plan {
             characteristics: Vec::new(),
             features: Vec::new(),
             rims_left_out_px: None,
+            viewpoints: Vec::new(),
         };
         check_constructed(&plan)?;
         plan.datum_systems = datum_systems(raw.datum_system, &plan)?;

@@ -128,7 +128,8 @@ fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Out
     let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
     let measured = |index: usize| {
         let filters_mm = filters_mm(plan, index);
-        measure(&plan.elements[index], &nearby[index], correlation, &filters_mm, plan.rims_left_out_px)
+        let seen = (plan.rims_left_out_px, &plan.viewpoints[..]);
+        measure(&plan.elements[index], &nearby[index], correlation, &filters_mm, seen)
             .map_err(|error| error.to_string())
     };
     (0..plan.elements.len()).into_par_iter().map(measured).collect()

@@ -16,6 +16,7 @@ use super::plan::Element;
 use super::region::Region;
 use super::result::DeviationPoint;
 use super::shift::shift_mm;
+use super::sight;
 use super::stretch::{STRETCH, Stretch};
 use crate::fit::{self, Correlation, FitError, FitSettings, LeftOut};
 use fringe::cloud::Point;
@@ -72,7 +73,7 @@ pub(super) struct Chosen {
     /// In the part frame.
     pub positions: Vec<Point3<f64>>,
     /// Which of the points near the region they are.
-    places: Vec<u32>,
+    pub places: Vec<u32>,
     /// Standard uncertainty that the cloud states, and what of it may be in common with others, mm.
     sigmas_mm: Vec<f32>,
     shared_mm: Vec<f32>,
@@ -172,7 +173,8 @@ pub(super) fn fit(
 }
 
 /// Fits an element on its candidates: region about the nominal geometry, then about rough fits until it stands still. Of a plane the
-/// flatness after filters of these edges, mm, too: here other elements are still fitted beside it. `rims_left_out_px`: what the cloud lacks at the rims of faces.
+/// flatness after filters of these edges, mm, too: here other elements are still fitted beside it. `rims_left_out_px`: what the cloud lacks at the rims of faces;
+/// `viewpoints`: whence each pair saw it, in the frame of the cloud.
 ///
 /// # Errors
 /// Too few points, no surface, too far from nominal, no fit.
@@ -181,7 +183,7 @@ pub(super) fn measure(
     nearby: &Nearby,
     correlation: Correlation,
     filters_mm: &[f64],
-    rims_left_out_px: Option<u32>,
+    (rims_left_out_px, viewpoints): (Option<u32>, &[Option<Point3<f64>>]),
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
@@ -206,8 +208,10 @@ pub(super) fn measure(
     let max_reject_fraction = element.max_reject_fraction;
     let left_out = rims_left_out_px.filter(|_| element.geometry.is_outlined());
     let left_out = left_out.map(|pixels| LeftOut { pixels, layers: nearby.layers(&chosen.places) });
+    let noise = sight::noise(nearby, &chosen, viewpoints);
+    let (shared, noise) = (&shared_mm[..], &noise[..]);
     let settings =
-        FitSettings { max_reject_fraction, correlation, shared_mm: &shared_mm, within_mm: None, left_out };
+        FitSettings { max_reject_fraction, correlation, shared_mm: shared, noise, within_mm: None, left_out };
     let fitted = fit(element, &chosen.positions, &settings)?;
     let given = std::mem::take(&mut chosen.positions);
     // Behind an outline lie the points of its border.

@@ -43,8 +43,13 @@ impl<'a> Nearby<'a> {
         if squares > 0.0 { all * all / squares } else { 1.0 }
     }
 
+    /// Where the frame of the cloud lies in that of the part.
+    pub fn part_from_world(&self) -> &Pose {
+        &self.part_from_world
+    }
+
     /// A point by its number in the cloud.
-    fn point(&self, number: u32) -> &'a Point {
+    pub fn point(&self, number: u32) -> &'a Point {
         &self.cloud[number as usize]
     }
 

@@ -42,6 +42,7 @@ mod references;
 mod region;
 mod result;
 mod shift;
+mod sight;
 mod stretch;
 mod substitute;
 #[cfg(test)]
