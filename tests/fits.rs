@@ -190,6 +190,35 @@ tolerance_mm = [-0.05, 0.05]
     )
 }
 
+/// Proves: a ball is freed of what noise along the lines of sight does to it where the cloud says whence it was seen, and only there.
+#[test]
+fn a_ball_is_freed_of_noise_along_the_lines_of_sight() {
+    let workspace = Workspace::new();
+    // A camera above sees no more of it than that.
+    let upper = plan(0.05).replace("max_polar_deg = 90.0", "max_polar_deg = 65.0");
+    let (plan_path, out) = (workspace.file("plan.toml", &upper), workspace.text("m.json"));
+    let seen = |comments: &[(&str, &str)]| {
+        files::ply::write_cloud(&workspace.path("seen.ply"), &ball_on_plate(), comments).unwrap();
+        fringetool(&["measure", &plan_path, &workspace.text("seen.ply"), "--json", &out, "--force"])
+    };
+    let diameter = |comments: &[(&str, &str)]| {
+        seen(comments).expect_success();
+        let feature = workspace.json("m.json")["features"][0].clone();
+        (feature["value"].as_f64().unwrap(), feature["u"].as_f64().unwrap())
+    };
+    let pairs = ("pairs", "[\"p\"]");
+    let (plain_mm, u_mm) = diameter(&[pairs]);
+    let (freed_mm, same_u_mm) = diameter(&[pairs, ("viewpoints_mm", "{\"p\": [5.0, 6.0, 700.0]}")]);
+    assert!(freed_mm > plain_mm + 1e-5 && freed_mm < plain_mm + u_mm, "{plain_mm}, {freed_mm}, u {u_mm}");
+    assert_eq!(same_u_mm, u_mm);
+    // Another pair's place, none, and one from below, where no camera sees these faces.
+    for other in ["{\"q\": [5.0, 6.0, 700.0]}", "{}", "{\"p\": [5.0, 6.0, -700.0]}"] {
+        assert_eq!(diameter(&[pairs, ("viewpoints_mm", other)]).0, plain_mm, "{other}");
+    }
+    let wrong = seen(&[pairs, ("viewpoints_mm", "{\"p\": [5.0, 6.0]}")]);
+    refused(&wrong, &["seen.ply", "viewpoints_mm", "reconstruct the cloud again"]);
+}
+
 #[test]
 fn a_plan_is_measured_on_a_cloud_and_compared_with_a_machine() {
     let workspace = Workspace::new();

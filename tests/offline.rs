@@ -80,7 +80,13 @@ fn a_footprint_that_was_not_taken_off_goes_with_the_cloud(folder: &TempDir) {
     fringetool(&reconstruct).expect_success();
     fringetool(&["convert", &cloud, "--out", &converted]).expect_success();
     let header = |cloud: &str| String::from_utf8_lossy(&std::fs::read(cloud).unwrap()[..1000]).into_owned();
-    for name in ["footprint_off_px2: {\"cam1\":0.2,", "rig_sha256: ", "pairs: "] {
+    for name in [
+        "footprint_off_px2: {\"cam1\":0.2,",
+        "rig_sha256: ",
+        "pairs: ",
+        "viewpoints_mm: {\"pair1\":[",
+        "edge_px: ",
+    ] {
         assert!(header(&cloud).contains(name) && header(&converted).contains(name), "{}", header(&converted));
     }
     assert_eq!(header(&converted).matches("unit: ").count(), 1);

@@ -67,7 +67,7 @@ mod tests {
     use crate::fit::{FitSettings, cylinder, plane, sphere};
     use fringe::math::sincos;
 
-    /// A camera above.
+    /// Where a camera stands, above the part.
     const EYE: Vector3<f64> = Vector3::new(20.0, -30.0, 400.0);
     const COUNT: usize = 6000;
 

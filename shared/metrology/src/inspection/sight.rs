@@ -21,21 +21,18 @@ pub(super) fn noise(nearby: &Nearby, chosen: &Chosen, viewpoints: &[Option<Point
     if viewpoints.is_empty() {
         return Vec::new();
     }
-    let mut away = 0;
-    let of = |index: usize| {
+    let (mut known, mut away) = (Vec::new(), 0);
+    for index in Spread::of(chosen.positions.len(), MOST).indices() {
         let point = nearby.point(nearby.numbers()[chosen.places[index] as usize]);
-        let eye = viewpoints.get(point.pair as usize)?.as_ref()?;
-        away += usize::from(point.normal_vector().dot(&(point.position() - eye)) > 0.0);
+        let Some(Some(eye)) = viewpoints.get(point.pair as usize) else { return Vec::new() };
         let along_mm = nearby.part_from_world().rotation * along_mm(point, eye);
-        Some(PointNoise { at_mm: chosen.positions[index], along_mm })
-    };
-    let all: Option<Vec<PointNoise>> = Spread::of(chosen.positions.len(), MOST).indices().map(of).collect();
-    let mut known = all.unwrap_or_default();
-    if away as f64 > MOST_AWAY * known.len() as f64 {
-        return Vec::new();
+        if point.normal_vector().dot(&(point.position() - eye)) > 0.0 {
+            away += 1;
+        } else if along_mm.iter().all(|value| value.is_finite()) {
+            known.push(PointNoise { at_mm: chosen.positions[index], along_mm });
+        }
     }
-    known.retain(|noise| noise.along_mm.iter().all(|value| value.is_finite()));
-    known
+    if away as f64 > MOST_AWAY * known.len() as f64 { Vec::new() } else { known }
 }
 
 /// The noise of a point along its line of sight, mm: what it states along its normal, without what is no noise.
