@@ -207,16 +207,27 @@ fn a_ball_is_freed_of_noise_along_the_lines_of_sight() {
         (feature["value"].as_f64().unwrap(), feature["u"].as_f64().unwrap())
     };
     let pairs = ("pairs", "[\"p\"]");
+    let from = |pair: &str, place: &str, limb: f64| {
+        format!("{{\"{pair}\": {{\"own\": {{\"place_mm\": {place}, \"limb_rad\": {limb}}}}}}}")
+    };
     let (plain_mm, u_mm) = diameter(&[pairs]);
-    let (freed_mm, same_u_mm) = diameter(&[pairs, ("viewpoints_mm", "{\"p\": [5.0, 6.0, 700.0]}")]);
+    let above = from("p", "[5.0, 6.0, 700.0]", 0.0);
+    let (freed_mm, same_u_mm) = diameter(&[pairs, ("viewpoints", &above)]);
     assert!(freed_mm > plain_mm + 1e-5 && freed_mm < plain_mm + u_mm, "{plain_mm}, {freed_mm}, u {u_mm}");
     assert_eq!(same_u_mm, u_mm);
     // Another pair's place, none, and one from below, where no camera sees these faces.
-    for other in ["{\"q\": [5.0, 6.0, 700.0]}", "{}", "{\"p\": [5.0, 6.0, -700.0]}"] {
-        assert_eq!(diameter(&[pairs, ("viewpoints_mm", other)]).0, plain_mm, "{other}");
+    for other in [from("q", "[5.0, 6.0, 700.0]", 0.0), "{}".into(), from("p", "[5.0, 6.0, -700.0]", 0.0)] {
+        assert_eq!(diameter(&[pairs, ("viewpoints", &other)]).0, plain_mm, "{other}");
     }
-    let wrong = seen(&[pairs, ("viewpoints_mm", "{\"p\": [5.0, 6.0]}")]);
-    refused(&wrong, &["seen.ply", "viewpoints_mm", "reconstruct the cloud again"]);
+    // Without the points near its limb less of it is left; where that would be most of it, all is taken.
+    let points = |limb: f64| {
+        seen(&[pairs, ("viewpoints", &from("p", "[5.0, 6.0, 700.0]", limb))]).expect_success();
+        workspace.json("m.json")["elements"][0]["fit"]["points"].as_u64().unwrap()
+    };
+    let [all, clear, small] = [0.0, 0.005, 0.02].map(points);
+    assert!(clear < all && clear > all / 2 && small == all, "{all}, {clear}, {small}");
+    let wrong = seen(&[pairs, ("viewpoints", &from("p", "[5.0, 6.0]", 0.0))]);
+    refused(&wrong, &["seen.ply", "viewpoints", "reconstruct the cloud again"]);
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn a_footprint_that_was_not_taken_off_goes_with_the_cloud(folder: &TempDir) {
         "footprint_off_px2: {\"cam1\":0.2,",
         "rig_sha256: ",
         "pairs: ",
-        "viewpoints_mm: {\"pair1\":[",
+        "viewpoints: {\"pair1\":{\"o",
         "edge_px: ",
     ] {
         assert!(header(&cloud).contains(name) && header(&converted).contains(name), "{}", header(&converted));

@@ -9,7 +9,7 @@ use crate::hash::sha256_hex;
 use crate::plan_file::parse_plan;
 use cell::configuration::{DEFAULT_RECIPE, Recipe};
 use fringe::geometry::rig::Pair;
-use nalgebra::Point3;
+use fringe::geometry::viewpoint::Viewpoints;
 use std::path::Path;
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
@@ -24,7 +24,7 @@ pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
     rig: (&str, &Path, &[Pair]),
-    (edge_px, viewpoints): (u32, &[Option<Point3<f64>>]),
+    (edge_px, viewpoints): (u32, &[Option<Viewpoints>]),
 ) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));

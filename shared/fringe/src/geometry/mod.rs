@@ -5,3 +5,4 @@ pub mod lens;
 pub mod pose;
 pub mod rig;
 pub mod triangulate;
+pub mod viewpoint;

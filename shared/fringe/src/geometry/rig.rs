@@ -1,8 +1,9 @@
 //! The rig as the mathematics sees it: named cameras, named projectors, pairs.
 
 use crate::geometry::camera::Camera;
+use crate::geometry::viewpoint::{Viewpoint, Viewpoints};
 use crate::sensor::Sensor;
-use nalgebra::Point3;
+use crate::surface::reach_px;
 use std::collections::BTreeMap;
 
 /// Views that stand nearer than this to each other are rather given in metres, mm.
@@ -62,9 +63,14 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Where the left camera of each pair stands, on whose lines of sight its points lie, in the world frame, mm.
-    pub fn viewpoints(&self, pairs: &[Pair]) -> Vec<Option<Point3<f64>>> {
-        pairs.iter().map(|pair| self.camera(&pair.left).map(Camera::centre_mm)).collect()
+    /// Whence each pair sees its points, in the world frame; nothing of a pair whose left view is no camera.
+    pub fn viewpoints(&self, pairs: &[Pair]) -> Vec<Option<Viewpoints>> {
+        let of = |name: &String| {
+            let camera = self.camera(name)?;
+            let limb_rad = reach_px(self.sensor(name).footprint) / camera.mean_focal_px();
+            Some(Viewpoint { place_mm: camera.centre_mm().into(), limb_rad })
+        };
+        pairs.iter().map(|pair| Some(Viewpoints { own: of(&pair.left)?, other: of(&pair.right) })).collect()
     }
 
     /// A camera by name.

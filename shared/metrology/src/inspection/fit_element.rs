@@ -21,6 +21,7 @@ use super::stretch::{STRETCH, Stretch};
 use crate::fit::{self, Correlation, FitError, FitSettings, LeftOut};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
+use fringe::geometry::viewpoint::Viewpoints;
 use fringe::math;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
@@ -97,6 +98,20 @@ impl Chosen {
         self.places.push(place as u32);
         self.sigmas_mm.push(point.sigma_mm);
         self.shared_mm.push(point.shared_mm);
+    }
+}
+
+impl Chosen {
+    /// Keeps those of the points that are marked.
+    fn retain(&mut self, kept: &[bool]) {
+        fn keep<T>(values: &mut Vec<T>, kept: &[bool]) {
+            let mut kept = kept.iter();
+            values.retain(|_| *kept.next().unwrap_or(&true));
+        }
+        keep(&mut self.positions, kept);
+        keep(&mut self.places, kept);
+        keep(&mut self.sigmas_mm, kept);
+        keep(&mut self.shared_mm, kept);
     }
 }
 
@@ -183,7 +198,7 @@ pub(super) fn measure(
     nearby: &Nearby,
     correlation: Correlation,
     filters_mm: &[f64],
-    (rims_left_out_px, viewpoints): (Option<u32>, &[Option<Point3<f64>>]),
+    (rims_left_out_px, viewpoints): (Option<u32>, &[Option<Viewpoints>]),
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
@@ -198,6 +213,11 @@ pub(super) fn measure(
         }
     }
     let mut chosen = choose(element, &region, (nearby, None), element.min_points)?;
+    if let Some(clear) =
+        sight::clear_of_limbs(nearby, &chosen, &region.geometry, viewpoints, element.min_points)
+    {
+        chosen.retain(&clear);
+    }
     refuse_copies(element, &chosen.positions)?;
     let across = if filters_mm.is_empty() { Vec::new() } else { across(&nominal, &chosen) };
     let mut shared_mm = std::mem::take(&mut chosen.shared_mm);

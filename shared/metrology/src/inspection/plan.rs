@@ -3,7 +3,8 @@
 //! As written it is a [`RawPlan`](super::RawPlan) that refuses unknown keys; [`Plan::new`]
 //! checks it and turns names into indices, degrees into radians, deviations into limits.
 
-use nalgebra::{Isometry3, Point3};
+use fringe::geometry::viewpoint::Viewpoints;
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use thiserror::Error;
@@ -264,8 +265,8 @@ pub struct Plan {
     pub features: Vec<Feature>,
     /// Of clouds of cameras: pixels that were left out at the rims of faces; `None` where nothing is known of them.
     pub rims_left_out_px: Option<u32>,
-    /// Of clouds of cameras: where the camera of each pair stands whose lines of sight its points lie on, in the frame of the cloud, mm; empty where it is not known.
-    pub viewpoints: Vec<Option<Point3<f64>>>,
+    /// Of clouds of cameras: whence each pair saw its points, in the frame of the cloud; empty where it is not known.
+    pub viewpoints: Vec<Option<Viewpoints>>,
 }
 
 impl Plan {
@@ -286,10 +287,10 @@ impl Plan {
         self
     }
 
-    /// The same plan for clouds whose points lie on lines of sight from there, a place for each pair by its number: elements are freed of what noise along these
-    /// lines does to them ([`crate::fit::PointNoise`]).
+    /// The same plan for clouds that were seen from there, a place for each pair by its number: elements are freed of what noise along the lines of sight
+    /// does to them ([`crate::fit::PointNoise`]), and curved ones measured without the points near their limbs.
     #[must_use]
-    pub fn with_viewpoints(mut self, viewpoints: Vec<Option<Point3<f64>>>) -> Self {
+    pub fn with_viewpoints(mut self, viewpoints: Vec<Option<Viewpoints>>) -> Self {
         self.viewpoints = viewpoints;
         self
     }
