@@ -133,7 +133,8 @@ impl Recorded {
         let rig = moved(&rig, &self.world_from_part);
         let mut matcher = PairMatcher::new(&rig, &rig.pairs[0], 0, &MatchSettings::default())?;
         let cloud = matcher.cloud(&views(&self.maps[0]), &views(&self.maps[1]))?.0;
-        let result = evaluate(&bench.plan, &cloud);
+        let plan = bench.plan.clone().with_viewpoints(rig.viewpoints(&rig.pairs));
+        let result = evaluate(&plan, &cloud);
         let feature = result.features.iter().find(|feature| feature.name == LENGTH);
         Ok(feature.and_then(|feature| Some((feature.value?, feature.u_noise?))))
     }
